@@ -1,33 +1,34 @@
-//! The measured depths on test coupons, and the exposure that the model gives for each.
+//! The measured depths on test coupons, and the exposure of each coupon according to the model.
 //!
-//! A coupon is flat and is treated with straight lines. On a coupon with one line over its middle, the measured place
-//! in the middle is under the disc while the disc moves by its chord. For one pass and k = 1 mm²/N the depth there is
+//! A coupon is flat and is sanded with straight lines. On a coupon with one line over its middle, the measured point in
+//! the middle is under the disc while the disc moves by its chord. For one pass and k = 1 mm²/N the depth at this point
+//! is
 //!     X = F / (π R²) · c · v(f)/f,   c = 2 R · (2/π) E((e/R)²),
-//! with e the radius of the orbit, because the orbit also moves the rim. In a field of rows at the distance s, whose
-//! depth is the mean over one row distance in its middle, every mm² has the same exposure: X = F · v(f)/f / s. Then h =
-//! k X, and ln h − ln X = ln k₀ − b w.
+//! with e the radius of the orbit, because the orbit also moves the disc's rim. In a field of rows at the distance s,
+//! the depth is the mean over one distance between rows in the middle of the field, and every mm² has the same
+//! exposure: X = F · v(f)/f / s. Then h = k X, and ln h − ln X = ln k₀ − b w.
 
 use super::pad::PadWithDisc;
 use super::speed::{Orbit, elliptic_e};
 use std::f64::consts::PI;
 
-/// The treatment of a coupon.
+/// The way in which a coupon was sanded.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Lines {
-    /// One line, travelled repeatedly; the depth is measured in its middle.
+    /// One line, sanded repeatedly; the depth is measured in its middle.
     One,
-    /// Rows at this distance, mm, over more than the disc's diameter; the depth is the mean in the middle.
+    /// Rows at this distance, mm, over a width of more than the disc's diameter; the depth is the mean in the middle.
     Rows(f64),
 }
 
 /// One measured place.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Coupon {
-    /// Line number of the coupon in the table.
+    /// Line number of the measurement in the table.
     pub line: u64,
-    /// Name of the coupon and of the measured place on it.
+    /// Name of the coupon and of the measured point on the coupon.
     pub name: String,
-    /// Name of the disc that treated it; `None` if the table does not state it.
+    /// Name of the disc that sanded the coupon; `None` if the table does not contain it.
     pub disc: Option<String>,
     /// Force, N.
     pub force_n: f64,
@@ -37,13 +38,13 @@ pub struct Coupon {
     pub passes: f64,
     /// The lines of a pass.
     pub lines: Lines,
-    /// Area that the disc had swept before it reached the place, mm².
+    /// Area that the disc had swept before it reached the measured point, mm².
     pub worn_mm2: f64,
     /// Depth removed, µm.
     pub depth_um: f64,
 }
 
-/// The tool that treated the coupons.
+/// The tool with which the coupons were sanded.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CouponTool {
     /// Disc and pad.
@@ -53,7 +54,7 @@ pub struct CouponTool {
 }
 
 impl Coupon {
-    /// Calculates the exposure X: the depth in mm for k = 1 mm²/N.
+    /// Calculates the exposure X: the depth, mm, for k = 1 mm²/N.
     pub fn exposure_n_mm(&self, tool: &CouponTool) -> f64 {
         let (radius_mm, area_mm2) = (tool.pad.radius_mm, tool.pad.area_mm2());
         let per_pass = match self.lines {
@@ -82,8 +83,8 @@ pub(super) mod tests {
         Coupon { line: 2, name, disc, force_n, feed_mm_s, passes, lines, worn_mm2, depth_um }
     }
 
-    /// Calculated by hand: v/f = 2618.34/60 = 43.639. One line: 2 · 20 N / 706.86 mm² · 30 mm · 0.993 · 43.639 =
-    /// 73.57 N/mm; rows of 12 mm: 2 · 20 · 43.639 / 12 = 145.46 N/mm.
+    /// Expected values, calculated by hand: v/f = 2618.34/60 = 43.639. One line: 2 · 20 N / 706.86 mm² · 30 mm · 0.993
+    /// · 43.639 = 73.57 N/mm; rows of 12 mm: 2 · 20 · 43.639 / 12 = 145.46 N/mm.
     #[test]
     fn exposures_of_coupons_by_hand() {
         let one = coupon(Lines::One).exposure_n_mm(&TOOL);

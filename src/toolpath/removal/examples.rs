@@ -1,4 +1,4 @@
-//! Models of removal for tests.
+//! Removal models for tests.
 
 use super::model::Model;
 use super::power::Power;
@@ -19,7 +19,7 @@ pub const MODEL: Model = Model {
     force_power: Some(Power { value: 1.02, uncertainty: 0.05 }),
 };
 
-/// A model of a disc that does not wear, from coupons that follow Preston's law exactly.
+/// A model of a disc that does not wear, determined from coupons that follow Preston's law exactly.
 pub const EVEN_MODEL: Model = Model {
     decay_per_mm2: 0.0,
     covariance: Matrix2::new(4e-4, 0.0, 0.0, 0.0),

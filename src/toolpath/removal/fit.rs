@@ -1,12 +1,13 @@
-//! Estimates k and the disc's wear from coupons, with their uncertainty, or returns the reason why a set of coupons
-//! does not determine them.
+//! Estimates k and the disc's wear from coupons, with their uncertainty, or returns the reason why the coupons do not
+//! determine them.
 //!
 //!     yᵢ = ln hᵢ − ln Xᵢ = ln k₀ − b wᵢ + eᵢ                                                              (7)
-//! by least squares: every coupon counts by its relative error. With A's rows (1, −wᵢ), σ_r² = Σ eᵢ² / (n − 2) and the
-//! covariance is σ_r² (AᵀA)⁻¹; if the table names the discs, the scatter between them is included (`power`). Each
-//! coupon is predicted from the others. A coupon is an outlier if its deviation exceeds the 95 % limit of Student's
-//! distribution for the largest of n. A third unknown, the exponent of X, tests whether the depth is proportional to X:
-//! it is 1 if Preston's law holds. Source: Draper & Smith, Applied Regression Analysis, 1998, 8.1.
+//! is solved by least squares, so that the relative errors of the coupons have equal weights. With A's rows (1, −wᵢ),
+//! σ_r² = Σ eᵢ² / (n − 2) and the covariance is σ_r² (AᵀA)⁻¹; if the table names the discs, the scatter between discs
+//! is included (`power`). In a cross-validation, each coupon is predicted from the others. A coupon is an outlier if
+//! its deviation exceeds the 95 % limit of Student's distribution for the largest of n deviations. A third unknown, the
+//! exponent of X, tests whether the depth is proportional to X: it is 1 if Preston's law holds. Source: Draper & Smith,
+//! Applied Regression Analysis, 1998, 8.1.
 
 use super::coupons::{Coupon, CouponTool};
 use super::model::MM2_PER_M2;
@@ -15,25 +16,26 @@ use nalgebra::{DMatrix, DVector, Matrix2};
 use panelprep_base::number_text::{distinguishable_texts, fixed_decimals};
 use panelprep_vision::calib::{student_95, student_quantile};
 
-/// Smallest number of coupons: two determine the two parameters, and four more their uncertainty.
+/// Minimum number of coupons: two for the two parameters, and four more for their uncertainty.
 pub const MIN_COUPONS: usize = 6;
-/// Smallest ratio of the largest to the smallest exposure that shows how the depth depends on the exposure.
+/// Minimum ratio of the largest to the smallest exposure at which the coupons show how the depth depends on the
+/// exposure.
 const LEVELS: f64 = 1.3;
-/// Smallest difference between the areas that the discs had swept, mm², that shows the wear: 0.02 m².
+/// Minimum difference between the areas that the discs had swept at which the coupons show the wear, mm²: 0.02 m².
 const MIN_WEAR_DIFFERENCE_MM2: f64 = 20_000.0;
-/// Largest scatter of the coupons, σ of ln h; with a larger one they contradict each other.
+/// Maximum scatter of the coupons, σ of ln h; with a larger scatter the coupons contradict each other.
 const MAX_COUPON_SCATTER: f64 = 0.5;
 
-/// The prediction of a coupon from the other coupons.
+/// The prediction of a coupon from the other coupons (cross-validation).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LeftOutCoupon {
     /// Expected depth, µm.
     pub foretold_um: f64,
-    /// Lowest and highest depth predicted from the other coupons, 95 %, µm.
+    /// The 95 % prediction interval of the depth from the other coupons, µm.
     pub interval_um: [f64; 2],
     /// Deviation of the measured from the predicted depth, as a fraction of the predicted depth: 0.1 means 10 % deeper.
     pub deviation: f64,
-    /// Whether the deviation is larger than the largest one expected among this number of coupons.
+    /// Whether the deviation exceeds the largest deviation that is expected among this number of coupons.
     pub is_outlier: bool,
 }
 
@@ -46,21 +48,21 @@ pub struct CouponFit {
     pub decay_per_mm2: f64,
     /// Covariance of ln k₀ and b.
     pub covariance: Matrix2<f64>,
-    /// Scatter from coupon to coupon, σ_r, as standard deviation of the logarithm.
+    /// Scatter from coupon to coupon, σ_r: standard deviation of the logarithm of the depth.
     pub coupon_deviation: f64,
-    /// The scatter of the discs; `None` if the coupons do not show it.
+    /// The scatter between the discs; `None` if the coupons do not show it.
     pub discs: Option<Discs>,
-    /// Measured depth divided by modelled depth, minus 1, for each coupon.
+    /// Ratio of measured to modelled depth, minus 1, for each coupon.
     pub residuals: Vec<f64>,
-    /// Each coupon predicted from the others; `None` if the others do not determine a model.
+    /// The prediction of each coupon from the others; `None` if the others do not determine a model.
     pub left_out_coupons: Vec<Option<LeftOutCoupon>>,
-    /// The exponent with which the depth grows with X.
+    /// The exponent of X in the depth.
     pub power: Power,
-    /// The exponents with which the depth grows with the force and with the number of passes.
+    /// The exponents of the force and of the number of passes in the depth.
     pub powers: ForceExponents,
 }
 
-/// The scatter of the discs.
+/// The scatter between the discs.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Discs {
     /// Number of discs.
@@ -72,8 +74,8 @@ pub struct Discs {
 }
 
 impl CouponFit {
-    /// Returns the degrees of freedom: n − 2, or fewer if the discs differ, since the coupons of one disc then count as
-    /// one measurement.
+    /// Returns the degrees of freedom: n − 2, or fewer if the discs differ, because the coupons of one disc are then
+    /// similar to repetitions of one measurement.
     pub fn redundancy(&self) -> f64 {
         let of_coupons = self.residuals.len().saturating_sub(2).max(1) as f64;
         self.discs.map_or(of_coupons, |discs| discs.redundancy.min(of_coupons))
@@ -91,7 +93,7 @@ impl CouponFit {
         student_95(self.redundancy()) * self.covariance[(1, 1)].sqrt()
     }
 
-    /// Returns the relative rms deviation of the coupons from their predictions by the others.
+    /// Returns the relative rms deviation of the coupons from their predictions in the cross-validation.
     pub fn cross_validation_rms(&self) -> f64 {
         let off: Vec<f64> = self.left_out_coupons.iter().flatten().map(|one| one.deviation).collect();
         (off.iter().map(|off| off * off).sum::<f64>() / off.len().max(1) as f64).sqrt()
@@ -101,17 +103,17 @@ impl CouponFit {
 /// Returns the model that fits the coupons best.
 ///
 /// # Errors
-/// If the coupons do not determine a model.
+/// If the coupons do not determine a model; the error contains the reason.
 pub fn fit(coupons: &[Coupon], tool: &CouponTool) -> Result<CouponFit, FitError> {
     refuse(coupons, tool)?;
     let exposure: Vec<f64> = coupons.iter().map(|coupon| coupon.exposure_n_mm(tool).ln()).collect();
     let depth: Vec<f64> = coupons.iter().map(|coupon| (coupon.depth_um / 1_000.0).ln()).collect();
-    // The logarithms are fitted, because the coupons' errors are relative to the depth; the model of the logarithms is
-    // a line.
+    // The logarithms are fitted, because the coupons' errors are relative to the depth, and because the model of the
+    // logarithms is linear.
     let y = DVector::from_iterator(coupons.len(), depth.iter().zip(&exposure).map(|(depth, load)| depth - load));
     let worn = |index: usize| coupons[index].worn_mm2 / MM2_PER_M2;
     let rows = DMatrix::from_fn(coupons.len(), 2, |row, column| if column == 0 { 1.0 } else { -worn(row) });
-    // The wear values were checked to be sufficiently different, so the matrix is regular.
+    // The swept areas were checked to be sufficiently different, so the matrix is regular.
     let one_wear = || FitError::OneWear { least_m2: worn(0), most_m2: worn(0) };
     let found = line(&rows, &y).ok_or_else(one_wear)?;
     check_consistency(coupons, &(&y - &rows * &found.solution), &found)?;
@@ -155,8 +157,8 @@ fn refuse(coupons: &[Coupon], tool: &CouponTool) -> Result<(), FitError> {
             .fold([f64::INFINITY, 0.0], |[low, high], value| [low.min(value), f64::max(high, value)])
     };
     let [low, high] = extent(&|coupon| coupon.exposure_n_mm(tool));
-    // With a single exposure every law fits: a depth that grows with the square root of the exposure would also agree
-    // with Preston's law.
+    // With a single exposure every law fits: a depth that is proportional to the square root of the exposure would also
+    // agree with Preston's law.
     if high < LEVELS * low {
         return Err(FitError::OneLoad { ratio: high / low });
     }
@@ -176,12 +178,12 @@ fn check_consistency(coupons: &[Coupon], left: &DVector<f64>, found: &Line) -> R
     }
     let known_m2 = student_95((coupons.len() - 2) as f64) * found.deviation * found.inverse[(1, 1)].sqrt();
     let per_m2 = -found.solution[1];
-    // A disc cannot remove more as it wears. If the growth is within the uncertainty, the disc counts as one that does
-    // not wear.
+    // A disc cannot remove more material as it wears. If the increase is within the uncertainty, the disc is treated as
+    // one that does not wear.
     if per_m2 > known_m2 { Err(FitError::GrowsWithWear { per_m2, known_m2 }) } else { Ok(()) }
 }
 
-/// Predicts one coupon from the others.
+/// Predicts each coupon from the others.
 fn cross_validate(
     coupons: &[Coupon],
     (rows, y): (&DMatrix<f64>, &DVector<f64>),
@@ -190,11 +192,11 @@ fn cross_validate(
     let others = line(&rows.clone().remove_row(index), &y.clone().remove_row(index))?;
     let row = rows.row(index).transpose();
     let expected = row.dot(&others.solution);
-    // The standard deviation of the prediction: the scatter of a single coupon and the uncertainty of the line fitted
-    // to the others. This gives a prediction interval for a new coupon, not a confidence interval of the mean.
+    // The standard deviation of the prediction contains the scatter of a single coupon and the uncertainty of the line
+    // fitted to the others. This gives a prediction interval for a new coupon, not a confidence interval of the mean.
     let spread = others.deviation * (1.0 + row.dot(&(&others.inverse * &row))).sqrt();
     let redundancy = (coupons.len() - 3) as f64;
-    // The two-sided limit for the largest of all deviations, by Bonferroni's correction.
+    // The two-sided limit for the largest of all deviations, with Bonferroni's correction.
     let most = student_quantile(redundancy, 1.0 - 0.05 / (2.0 * coupons.len() as f64));
     let half = student_95(redundancy) * spread;
     let depth_um = |ln: f64| 1_000.0 * (ln + exposure[index]).exp();
@@ -232,7 +234,7 @@ pub enum FitError {
          uncertainties"
     )]
     TooFew {
-        /// Number of measured places.
+        /// Number of measured points.
         found: usize,
     },
     /// All coupons have nearly the same exposure.
@@ -242,7 +244,7 @@ pub enum FitError {
         distinguishable_texts(*ratio, LEVELS, 2)[0], distinguishable_texts(*ratio, LEVELS, 2)[1]
     )]
     OneLoad {
-        /// Ratio of the largest exposure to the smallest.
+        /// Ratio of the largest to the smallest exposure.
         ratio: f64,
     },
     /// All coupons have nearly the same disc wear.
@@ -252,9 +254,9 @@ pub enum FitError {
         fixed_decimals(*least_m2, 3), fixed_decimals(*most_m2, 3)
     )]
     OneWear {
-        /// Smallest swept area, m².
+        /// Smallest area that a disc had swept, m².
         least_m2: f64,
-        /// Largest swept area, m².
+        /// Largest area that a disc had swept, m².
         most_m2: f64,
     },
     /// The coupons contradict each other.
@@ -270,7 +272,7 @@ pub enum FitError {
         /// Its line.
         line: u64,
     },
-    /// Worn discs remove more.
+    /// Worn discs removed more than new discs.
     #[error(
         "worn discs removed more than new discs: ln k grows by {per_m2:.2} ± {known_m2:.2} per square metre swept; \
          check that worn_mm2 and the depth belong to the same coupon"
@@ -278,7 +280,7 @@ pub enum FitError {
     GrowsWithWear {
         /// Growth, 1/m².
         per_m2: f64,
-        /// The 95 % uncertainty of the growth, 1/m².
+        /// The 95 % uncertainty of the increase, 1/m².
         known_m2: f64,
     },
 }
@@ -291,7 +293,7 @@ pub(super) mod tests {
     use rand::{RngExt, SeedableRng};
     use rand_pcg::Pcg64Mcg;
 
-    /// Makes coupons of k₀ = 4·10⁻⁴ mm²/N and b = 0.8/m², each with a relative error from `off`.
+    /// Creates coupons of k₀ = 4·10⁻⁴ mm²/N and b = 0.8/m², each with a relative error from `off`.
     pub(in crate::removal) fn coupons(off: &[f64]) -> Vec<Coupon> {
         let one = |(index, off): (usize, &f64)| {
             let (passes, worn_mm2) = ([1.0, 2.0, 4.0][index % 3], [0.0, 1e5, 2e5, 4e5][index / 3 % 4]);
@@ -318,9 +320,9 @@ pub(super) mod tests {
         assert!(found.coupon_deviation < 1e-9 && (found.power.value - 1.0).abs() < 1e-9);
     }
 
-    /// Calculated by hand: of two coupons each at 0 and 1 m² … with ±e the mean is 0. Six places 0, 0, 0, 1, 1, 1
-    /// m² and errors (e, −e, 0) twice leave Σe² = 4 e², σ_r = √(4 e²/4) = e, var(ln k₀) = e²/3, var(b) = e² (1/3 +
-    /// 1/3), and cov = e²/3.
+    /// Expected values, calculated by hand for six coupons at 0, 0, 0, 1, 1, 1 m² with the errors (e, −e, 0) twice: the
+    /// means of the errors are 0, Σe² = 4 e², σ_r = √(4 e²/4) = e, var(ln k₀) = e²/3, var(b) = e² (1/3 + 1/3), and cov
+    /// = e²/3.
     #[test]
     fn the_covariance_is_that_of_a_line() {
         let e: f64 = 0.02;
@@ -381,7 +383,7 @@ pub(super) mod tests {
         assert!(matches!(wild, Err(FitError::Contradictory { .. })), "{wild:?}");
     }
 
-    /// Depths that grow with the square root of the exposure do not follow Preston's law.
+    /// Depths that are proportional to the square root of the exposure contradict Preston's law.
     #[test]
     fn another_law_changes_the_exponent() {
         let mut made = coupons(&[0.0; 12]);
@@ -393,8 +395,8 @@ pub(super) mod tests {
         assert!((found.power.value - 0.5).abs() < 1e-6, "{:?}", found.power);
     }
 
-    /// In 400 sets of coupons with errors up to 6 %, the true value lies within the stated uncertainty in about 95
-    /// % of the sets.
+    /// In 400 sets of coupons with errors up to 6 %, the true value lies within the stated uncertainty in about 95 % of
+    /// the sets.
     #[test]
     fn the_true_coefficient_lies_within_the_stated_uncertainty() {
         let mut random = Pcg64Mcg::seed_from_u64(1);
@@ -409,8 +411,8 @@ pub(super) mod tests {
         assert!((368..=392).contains(&held), "{held} of 400");
     }
 
-    /// In 300 sets of coupons by six discs, which differ by 5 %, the true k lies within the stated uncertainty in about
-    /// 95 % of the sets. Without the names of the discs this is true of far fewer sets.
+    /// In 300 sets of coupons from six discs, which differ by 5 %, the true k lies within the stated uncertainty in
+    /// about 95 % of the sets. Without the names of the discs, it does so in far fewer sets.
     #[test]
     fn the_scatter_between_discs_is_included_in_the_uncertainty() {
         let mut random = Pcg64Mcg::seed_from_u64(2);

@@ -1,4 +1,4 @@
-//! The gate that decides whether a removal model may be used, needs a person's review, or is refused.
+//! The acceptance checks of a removal model: it is accepted, needs a person's review, or is rejected.
 
 use super::coupons::Coupon;
 use super::fit::CouponFit;
@@ -7,25 +7,25 @@ use super::power::Power;
 use panelprep_base::number_text::{distinguishable_texts, fixed_decimals};
 use panelprep_base::verdict::{Check, LimitSource};
 
-/// Two bounds: above the first a person must review, above the second the model is rejected.
+/// Two upper limits: above the first a person must review the model, above the second it is rejected.
 type Bounds = [f64; 2];
 
-/// 95 % uncertainty of k at the swept area, among those of the coupons' discs, at which k is least certain, percent.
+/// Limits of the 95 % uncertainty of k, percent, at the swept area of a coupon's disc at which k is least certain.
 const UNCERTAINTY_PERCENT: Bounds = [12.0, 40.0];
-/// Scatter σ of a coupon, percent.
+/// Limits of the scatter σ of a coupon, percent.
 const COUPON_PERCENT: Bounds = [10.0, 30.0];
-/// Rms deviation of left-out coupons from their prediction by the others, percent.
+/// Limits of the rms deviation of the coupons from their predictions in the cross-validation, percent.
 const CROSS_VALIDATION_PERCENT: Bounds = [12.0, 40.0];
-/// Scatter σ of ln k from disc to disc, percent.
+/// Limits of the scatter σ of ln k from disc to disc, percent.
 const DISC_PERCENT: Bounds = [100.0 * UNKNOWN_DISC_DEVIATION, 30.0];
-/// Smallest number of coupons with which no review is needed.
+/// Minimum number of coupons at which no review is needed.
 const MIN_MEASURED_PLACES: f64 = 8.0;
 
-/// Returns the checks of all numbers that are judged.
+/// Returns all acceptance checks of a removal model.
 pub fn checks(found: &CouponFit, coupons: &[Coupon]) -> Vec<Check> {
     let known = |coupon: &Coupon| 100.0 * found.preston_share_95(coupon.worn_mm2);
-    // The uncertainty at the worst wear of all coupons counts: the disc will be used up to this wear, and k is least
-    // certain at the ends of the line.
+    // The largest uncertainty over the swept areas of all coupons is used, because discs will be used up to this wear,
+    // and because k is least certain at the ends of the fitted line.
     let known_percent = coupons.iter().map(known).fold(0.0, f64::max);
     vec![
         check_coupon_count(coupons.len()),
@@ -65,7 +65,7 @@ pub fn checks(found: &CouponFit, coupons: &[Coupon]) -> Vec<Check> {
     ]
 }
 
-/// Creates the check of a number with two bounds: above the first a person must review, above the second the model is
+/// Creates a check with two upper limits: above the first a person must review the model, above the second it is
 /// rejected.
 fn bounded_check(
     code: &'static str,
@@ -111,7 +111,8 @@ fn check_outliers(found: &CouponFit, coupons: &[Coupon]) -> Check {
         })
 }
 
-/// Checks whether the scatter from disc to disc is known: k holds for discs that treated no coupon.
+/// Checks whether the scatter from disc to disc is known, because the model is also used for discs that sanded no
+/// coupon.
 fn check_disc_scatter(found: &CouponFit) -> Check {
     let count = found.discs.map_or(0, |discs| discs.count);
     Check::new("discs whose scatter is known", "", count as f64)
@@ -126,7 +127,7 @@ fn check_disc_scatter(found: &CouponFit) -> Check {
         })
 }
 
-/// Checks the scatter from disc to disc; the value is NaN if no disc treated two coupons.
+/// Checks the scatter from disc to disc; the value is missing if no disc sanded two coupons.
 fn discs_differ(found: &CouponFit) -> Check {
     const NAME: &str = "the discs differ, σ";
     found.discs.map_or_else(
@@ -138,7 +139,7 @@ fn discs_differ(found: &CouponFit) -> Check {
     )
 }
 
-/// Checks an exponent that may not be determined.
+/// Checks an exponent; without a value if the coupons do not determine it.
 fn exponent(words: (&'static str, &str), code: &'static str, found: Option<Power>) -> Check {
     found.map_or_else(|| Check::new(words.0, "", None), |found| power(words, code, found))
 }
@@ -162,8 +163,8 @@ fn power((name, what): (&'static str, &str), code: &'static str, found: Power) -
 fn check_wear(found: &CouponFit) -> Check {
     let [per_m2, known_m2] = [found.decay_per_mm2, found.decay_95_per_mm2()].map(|per_mm2| per_mm2 * MM2_PER_M2);
     Check::new("decay of k by what the disc swept", "1/m²", per_m2).with_consequence_if(
-        // A person must review, but the model is not rejected: within the measured wear the model is valid; beyond it,
-        // it assumes a wear that was not measured.
+        // A person must review the model, but it is not rejected: within the measured wear the model is valid; beyond
+        // it, the model assumes a wear that was not measured.
         per_m2 < known_m2,
         panelprep_base::verdict::Severity::Review,
         "wear_not_told",
@@ -191,7 +192,7 @@ mod tests {
         (judgement.verdict, judgement.reasons.into_iter().map(|reason| reason.code.into_owned()).collect())
     }
 
-    /// Assigns the coupons to four discs.
+    /// Distributes the coupons over four discs, so that each disc has coupons of different wear.
     fn by_discs(mut made: Vec<Coupon>) -> Vec<Coupon> {
         made.iter_mut().enumerate().for_each(|(index, own)| own.disc = Some(format!("D{}", index % 4)));
         made
@@ -222,7 +223,7 @@ mod tests {
         assert!(words.is_some(), "{all:?}");
     }
 
-    /// Without the column, with one disc and with two discs, the scatter from disc to disc is not known.
+    /// Without the disc column, with one disc and with two discs, the scatter from disc to disc is not known.
     #[test]
     fn unknown_discs_need_a_review() {
         let codes = |discs: usize| -> Vec<String> {

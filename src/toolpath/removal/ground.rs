@@ -1,25 +1,27 @@
-//! Determines at which places a disc has panel below it: inside the outline, by the pixel rows of the taught picture.
+//! Determines the points below the disc at which there is panel material: inside of the outline, by the pixel rows of
+//! the taught picture.
 //!
-//! Inside the region there is panel except in the holes, which the fit states. Outside the region the outline decides:
-//! for each pixel row, the places at which the outline crosses the row are stored in order, so that a check need not go
-//! through the whole outline.
+//! Inside of the region there is material except in the holes that the fit found. Outside of the region the outline
+//! decides. For each pixel row, the positions at which the outline crosses the row are stored in order, so that a point
+//! is checked without a search through the whole outline.
 
 use crate::surface::Parameter;
 use nalgebra::Point2;
 use panelprep_base::geometry::Pixel;
 use panelprep_cell::panel::Region;
 
-/// The places that have panel below the disc.
+/// The points of the panel's surface at which there is material below the disc.
 #[derive(Debug, Clone)]
 pub struct PanelGround {
     region: Region,
     top: i64,
-    /// The places at which the outline crosses each row's middle, px.
+    /// For each row, the positions at which the outline crosses the row's middle, px.
     crossings: Vec<Vec<f64>>,
 }
 
 impl PanelGround {
-    /// Creates the ground from the closed outline in the taught picture; without an outline there is panel everywhere.
+    /// Creates the ground from the closed outline in the taught picture; without an outline there is material
+    /// everywhere.
     pub fn new(region: &Region, outline_px: &[Pixel]) -> Self {
         let (low, high) = outline_px
             .iter()
@@ -39,7 +41,7 @@ impl PanelGround {
         PanelGround { region: region.clone(), top, crossings }
     }
 
-    /// Returns whether there is panel at this place, without regard to holes.
+    /// Returns whether there is material at this point; holes are ignored.
     pub fn is_panel(&self, at: Parameter) -> bool {
         let in_region = (0.0..=1.0).contains(&at.u) && (0.0..=1.0).contains(&at.v);
         if in_region || self.crossings.is_empty() {
@@ -56,7 +58,7 @@ mod tests {
     use super::super::map::tests::region;
     use super::*;
 
-    /// The region is 0 to 60 px in both directions; the outline lies 10 px beside the region, with a notch on the
+    /// The region is 0 to 60 px in both directions; the outline lies 10 px outside of the region, with a notch on the
     /// right.
     #[test]
     fn beside_the_region_the_outline_determines_the_panel() {

@@ -1,8 +1,8 @@
-//! The removal by a path on the grids of a region, place by place, with its uncertainty.
+//! The removal by a path over the grids of a region: a depth with its uncertainty for each sample point.
 //!
-//! Places are spread evenly over a grid; those on which the disc presses during a segment of the path are selected.
-//! Each segment adds k(w) · p · (rubbed length) to the depth at these places. The relative uncertainty of a place is
-//! that of the disc at the mean of w weighted by depth, because this is the wear at which most was removed. If several
+//! Sample points are uniformly distributed over a grid. For each segment of the path, the points on which the disc
+//! presses are selected, and k(w) · p · (rubbed length) is added to their depths. The relative uncertainty of a point
+//! is that of the disc at the mean of w weighted by depth, because most material was removed at this wear. If several
 //! paths treat the same part, their depths are added. Their errors follow from the same coupons and are fully
 //! correlated, so σ is the mean of the paths' σ, weighted by depth.
 
@@ -13,24 +13,24 @@ use panelprep_base::geometry::{Panel, Point};
 use panelprep_cell::panel::{GridId, Region};
 use rayon::prelude::*;
 
-/// Factor by which the search for places below a disc is extended, because parameter lines are not quite straight
-/// there.
+/// Factor by which the search area for points below a disc is enlarged, because parameter lines are not exactly
+/// straight within this area.
 const SEARCH_MARGIN: f64 = 1.05;
 
-/// The removal on one grid, at each sample, row by row.
+/// The removal on one grid, for each sample point, row by row.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GridRemoval {
     /// The grid.
     pub id: GridId,
-    /// Whether each sample is to be treated; otherwise the disc only overlaps it.
+    /// Whether each point is in the treated area; the disc only overlaps the other points.
     pub is_treated: Vec<bool>,
     /// Samples along u.
     pub columns: usize,
     /// Expected depth, µm.
     pub depth_um: Vec<f32>,
-    /// σ of the logarithm of each sample's depth.
+    /// σ of the logarithm of each point's depth.
     pub deviation: Vec<f32>,
-    /// Surface area of each sample, mm²; 0 if there is no panel.
+    /// Surface area of each point, mm²; 0 if there is no panel material.
     pub area_mm2: Vec<f32>,
 }
 
@@ -39,13 +39,13 @@ pub struct GridRemoval {
 pub struct RemovalMap {
     /// Grid by grid.
     pub grids: Vec<GridRemoval>,
-    /// The number of σ that contains 95 %.
+    /// Number of σ in the half-width of the 95 % interval.
     pub quantile_95: f64,
     sides_mm: [f64; 2],
 }
 
-/// Returns the map of the depth that these segments remove on the grids of the region. Grids that are not to be treated
-/// are included if the disc reaches them.
+/// Returns the map of the depth that these segments remove on the grids of the region. Grids that are not treated are
+/// included if the disc reaches them.
 pub fn removed(
     (surface, region, ground): (&BSplineSurface, &Region, IsPanelAt<'_>),
     treated: &Treated,
@@ -59,7 +59,7 @@ pub fn removed(
         let is_named = treated.grids().contains(id);
         let is_treated = (0..samples.count()).map(|sample| is_named && treated.holds(samples.at(sample)));
         let grid = grid(&samples, is_treated.collect(), stretches, (model, force_share_95));
-        // The disc also reaches neighbouring grids, for which the limit of the depth applies as well.
+        // The disc also reaches adjacent grids, for which the limit of the depth applies as well.
         (is_named || grid.depth_um.iter().any(|depth_um| *depth_um > 0.0)).then_some(grid)
     };
     let grids = ids.par_iter().filter_map(of_grid).collect();
@@ -78,8 +78,8 @@ fn grid(
         let per_pressure = model.preston_at_wear(stretch.swept_mm2) * stretch.rubbed_mm;
         samples.for_places_under(stretch, |sample, pressure| {
             depth_mm[sample] += per_pressure * pressure;
-            // The mean wear, weighted by depth: a place that is sanded twice has a single uncertainty of k, at the wear
-            // at which most was removed.
+            // The mean wear, weighted by depth: a point that is sanded twice has a single uncertainty of k, at the wear
+            // at which most material was removed.
             swept[sample] += per_pressure * pressure * stretch.swept_mm2;
         });
     }
@@ -98,14 +98,14 @@ fn grid(
 }
 
 impl RemovalMap {
-    /// Creates a map of only these grids.
+    /// Creates a map of these grids alone.
     #[cfg(test)]
     pub(super) fn with(grids: Vec<GridRemoval>, quantile_95: f64) -> Self {
         RemovalMap { grids, quantile_95, sides_mm: [100.0, 100.0] }
     }
 
-    /// Returns the sum of this map and that of an earlier path over the same part, on the same samples; grids that only
-    /// one of the maps has stay unchanged.
+    /// Returns the sum of this map and the map of an earlier path over the same part, with the same sample points.
+    /// Grids that only one of the maps contains are copied.
     #[must_use]
     pub fn plus(mut self, earlier: &RemovalMap) -> Self {
         for before in &earlier.grids {
@@ -124,7 +124,7 @@ impl RemovalMap {
         places.map(|(depth_um, area)| f64::from(*depth_um) / UM_PER_MM * f64::from(*area)).sum()
     }
 
-    /// Returns the depth as a field that can be drawn, µm.
+    /// Returns the depth as a field for drawing, µm.
     pub fn field(&self) -> Field {
         let value = |(depth_um, area): (&f32, &f32)| (*area > 0.0).then_some(*depth_um);
         let grid = |grid: &GridRemoval| GridField {
@@ -141,8 +141,8 @@ impl GridRemoval {
         for (index, (depth_um, deviation)) in self.depth_um.iter_mut().zip(&mut self.deviation).enumerate() {
             let sum_um = *depth_um + before.depth_um[index];
             if sum_um > 0.0 {
-                // The errors are added linearly and not as a root sum of squares: both paths have the same error of k
-                // and of the force.
+                // The errors are added linearly and not as a root sum of squares, because both paths have the same
+                // error of k and of the force.
                 *deviation = (*deviation * *depth_um + before.deviation[index] * before.depth_um[index]) / sum_um;
             }
             *depth_um = sum_um;
@@ -151,19 +151,19 @@ impl GridRemoval {
     }
 }
 
-/// The places of one grid.
+/// The sample points of one grid.
 #[derive(Debug, Clone)]
 pub struct Samples {
     /// The grid.
     pub id: GridId,
     net: SampleGrid,
     points: Vec<Point<Panel>>,
-    /// Surface area of each place, mm²; 0 if there is no panel.
+    /// Surface area of each point, mm²; 0 if there is no panel material.
     pub area_mm2: Vec<f64>,
 }
 
 impl Samples {
-    /// Creates the places of a grid, about this distance apart, mm; `None` if the region has no such grid.
+    /// Creates the sample points of a grid, about this distance apart, mm; `None` if the region has no such grid.
     pub fn for_grid(
         surface: &BSplineSurface,
         region: &Region,
@@ -185,17 +185,17 @@ impl Samples {
         self.net.columns
     }
 
-    /// Returns the number of samples.
+    /// Returns the number of sample points.
     pub fn count(&self) -> usize {
         self.points.len()
     }
 
-    /// Returns the parameters of a place.
+    /// Returns the parameters of a sample point.
     pub fn at(&self, place: usize) -> Parameter {
         self.net.parameter_at(place)
     }
 
-    /// Calls `add` for each place with panel on which the disc presses during the segment, with the mean pressure
+    /// Calls `add` for each point with material on which the disc presses during the segment, with the mean pressure
     /// during the segment, N/mm².
     pub fn for_places_under(&self, stretch: &DiscStretch, mut add: impl FnMut(usize, f64)) {
         let reach_mm = SEARCH_MARGIN * stretch.stroke.reach_mm() + 0.5 * stretch.length_mm;
@@ -242,18 +242,18 @@ pub(super) mod tests {
         removed(on, &Treated::from_grids(&[GridId { row: 1, column: 1 }]), &all, (&model, 0.0), 1.0)
     }
 
-    /// Calculated by hand: in the middle of the lane k p v t = 4·10⁻⁴ · 0.028 294 2 · 2618.34 mm/s · (30 mm / 60 mm/s)
-    /// = 14.817 µm; 9 mm beside the middle four fifths of this depth; beside the disc nothing.
+    /// Expected values, calculated by hand: in the middle of the lane k p v t = 4·10⁻⁴ · 0.028 294 2 · 2618.34 mm/s ·
+    /// (30 mm / 60 mm/s) = 14.817 µm; 9 mm beside the middle four fifths of this depth; beside the disc 0.
     #[test]
     fn a_line_removes_its_chord() {
         let map = line(0.0);
         let grid = &map.grids[0];
         assert_eq!((grid.columns, grid.depth_um.len()), (100, 10_000));
-        // Calculated by hand: k F v t with the 100 mm of the square at 60 mm/s: 4e-4 · 20 · 2618.34 · 100/60 =
-        // 34.91 mm³.
+        // Expected value, calculated by hand: k F v t over the 100 mm of the square at 60 mm/s: 4e-4 · 20 · 2618.34 ·
+        // 100/60 = 34.91 mm³.
         assert!((map.volume_mm3() / 34.911 - 1.0).abs() < 0.002, "{}", map.volume_mm3());
         let at = |x: usize, y: f64| {
-            // Samples are at half millimetres.
+            // The sample points are at half millimetres.
             let row = (y - 0.5).round() as usize;
             f64::from(grid.depth_um[row * 100 + x])
         };
@@ -263,7 +263,8 @@ pub(super) mod tests {
         assert!((f64::from(grid.deviation[5_050]) - (4e-4f64 + 9e-4).sqrt()).abs() < 1e-4);
     }
 
-    /// By hand: after half a square metre, and in addition the path itself, e^(−0.4) of the removal is left.
+    /// Expected value, calculated by hand: after half a square metre the removal is multiplied by e^(−0.4), and further
+    /// reduced by the wear on the path itself.
     #[test]
     fn a_worn_disc_removes_less() {
         let ratio = line(500_000.0).grids[0].depth_um[5_050] / line(0.0).grids[0].depth_um[5_050];

@@ -1,37 +1,39 @@
 //! The pressure below a disc: an elastic pad on a curved surface, loaded by a force, at a given tilt, cut off at the
-//! panel's edge; and the effect of the disc on a place while it moves past.
+//! panel's edge. Also the effect of the disc on a point while the disc moves past.
 //!
 //!     p = s · max(c, 0),   c = δ + t·x − ½ xᵀ K x,   ∫ p dA = F                                           (4), (5)
 //! F is a convex, increasing function of δ, so Newton's method from too large a δ approaches the root from above and
-//! never passes it. If the whole disc is on the panel and in contact, the integral has a closed form: the mean of t·x
-//! over a disc is 0, that of ½ xᵀ K x is R² tr K / 8, so δ = F / (π R² s) + R² tr K / 8. It also has a closed form if
-//! the surface bends away in both directions and the contact is an ellipse wholly inside the disc. With x₀ = K⁻¹ t
-//! being the ellipse's middle and c₀ = δ + ½ t·x₀ the compression there, the paraboloid above it contains π c₀² / √det
-//! K, so c₀² = F √det K / (π s). Otherwise the integral is a sum over places of equal area on rings and spokes, which
-//! follow the disc's edge exactly.
+//! never passes it. There are two closed forms.
+//! - The whole disc is on the panel and in contact: the mean of t·x over a disc is 0, that of ½ xᵀ K x is R² tr K / 8,
+//!   so δ = F / (π R² s) + R² tr K / 8.
+//! - The surface bends away in both directions, and the contact is an ellipse completely inside of the disc: with the
+//!   ellipse's middle x₀ = K⁻¹ t and the compression c₀ = δ + ½ t·x₀ at this point, the paraboloid above the ellipse
+//!   has the volume π c₀² / √det K, so c₀² = F √det K / (π s).
+//! Otherwise the integral is a sum over points of equal area on rings and spokes, which follow the disc's edge exactly.
 //!
 //! Beyond the panel's edge the disc has no support: the rest of the disc bears the force, and the pressure is never
 //! negative. The tilt is given (see the parent module).
 //!
-//! While the disc moves along a straight segment, its effect on a place is ∫ p dl, in closed form. Along a line x(l) =
+//! While the disc moves along a straight segment, its effect on a point is ∫ p dl, in closed form. Along a line x(l) =
 //! x₀ + l d the compression is a parabola in l, c = c₀ + c₁ l + c₂ l², within the chord of the disc. The integral of
 //! its positive part follows from its roots. The orbit moves the rim of the disc as well, so the integral is averaged
-//! over places on the orbit's circle. These places are rotated by the golden angle from one segment to the next, so
-//! that a few places for each segment are enough for all segments together.
+//! over positions on the orbit's circle. These positions are rotated by the golden angle from one segment to the next,
+//! so that a few positions for each segment are sufficient for all segments together.
 
 use nalgebra::{Matrix2, Vector2};
 use std::f64::consts::{PI, TAU};
 use std::sync::LazyLock;
 
-/// Number of rings of equal area; `SPOKE_COUNT` is the number of places on each ring.
+/// Number of rings of equal area in the sum over the disc.
 const RINGS: usize = 28;
+/// Number of points on each ring.
 const SPOKE_COUNT: usize = 44;
-/// Largest number of Newton steps; usually about four are enough.
+/// Maximum number of Newton steps; usually about four are sufficient.
 const STEPS: usize = 60;
-/// Relative tolerance of the force.
+/// Relative tolerance of the force at which the iteration ends.
 const FORCE_TOLERANCE: f64 = 1e-9;
 
-/// Places of equal area over a disc of radius 1; every second ring is rotated by half the angle between two spokes.
+/// Points of equal area over a disc of radius 1; every second ring is rotated by half the angle between two spokes.
 static UNIT_PLACES: LazyLock<Vec<Vector2<f64>>> = LazyLock::new(|| {
     let place = |index: usize| {
         let (ring, spoke) = ((index / SPOKE_COUNT) as f64, (index % SPOKE_COUNT) as f64);
@@ -41,19 +43,19 @@ static UNIT_PLACES: LazyLock<Vec<Vector2<f64>>> = LazyLock::new(|| {
     (0..RINGS * SPOKE_COUNT).map(place).collect()
 });
 
-/// Number of places on the orbit for one segment.
+/// Number of positions on the orbit for one segment.
 const PHASES: usize = 8;
-/// A disc that moves less than this is at rest, mm.
+/// Minimum displacement of a disc, mm; a disc that moves less is at rest.
 const MIN_STROKE_MM: f64 = 1e-9;
 /// The golden angle as a fraction of 360°.
 const GOLDEN_ANGLE_FRACTION: f64 = 0.381_966_011_250_105_1;
 
-/// A pad with the disc on it.
+/// A pad with its disc.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PadWithDisc {
     /// Radius of the disc, mm.
     pub radius_mm: f64,
-    /// Stiffness of the pad, which is its modulus divided by its thickness, N/mm³.
+    /// Stiffness of the pad: its modulus divided by its thickness, N/mm³.
     pub stiffness_n_mm3: f64,
 }
 
@@ -66,22 +68,22 @@ pub struct ContactGeometry {
     pub curvature_per_mm: Matrix2<f64>,
 }
 
-/// A function that returns whether there is panel at this offset from the disc's middle, mm.
+/// A function that returns whether there is panel material at an offset from the disc's middle, mm.
 pub type SupportMask<'a> = &'a dyn Fn(Vector2<f64>) -> bool;
 
-/// A disc in contact.
+/// The contact between a disc and the surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Contact {
     /// The pad.
     pub pad: PadWithDisc,
     /// The surface on which the disc lies.
     pub contact_surface: ContactGeometry,
-    /// Compression in the disc's middle, δ, mm; negative if a tilted disc does not touch there.
+    /// Compression in the disc's middle, δ, mm; negative if a tilted disc does not touch at its middle.
     pub depth_mm: f64,
 }
 
 impl ContactGeometry {
-    /// Returns the geometry of a plane without tilt.
+    /// Returns the geometry of a plane surface without tilt.
     pub fn level() -> Self {
         ContactGeometry { tilt: Vector2::zeros(), curvature_per_mm: Matrix2::zeros() }
     }
@@ -98,8 +100,8 @@ impl PadWithDisc {
         PI * self.radius_mm * self.radius_mm
     }
 
-    /// Returns the contact at which the pad bears this force, N. `below` states where there is panel; without it there
-    /// is panel everywhere. `None` if there is no panel below the disc, or no force.
+    /// Returns the contact at which the pad bears this force, N. `below` returns where there is panel material; without
+    /// it there is material everywhere. `None` if there is no material below the disc, or no force.
     pub fn contact_at_force(
         &self,
         force_n: f64,
@@ -121,14 +123,14 @@ impl PadWithDisc {
         }
     }
 
-    /// Returns δ if the contact is an ellipse inside the disc; `None` if it is not.
+    /// Returns δ by the closed form if the contact is an ellipse inside of the disc; otherwise `None`.
     fn inner_depth_mm(&self, force_n: f64, seat: ContactGeometry) -> Option<f64> {
         let bend = seat.curvature_per_mm;
         let least_bend = bend.symmetric_eigenvalues().min();
         let middle_mm = if least_bend > 0.0 { bend.try_inverse()? * seat.tilt } else { return None };
         let peak_mm = (force_n * bend.determinant().sqrt() / (PI * self.stiffness_n_mm3)).sqrt();
-        // The ellipse's middle is moved by the tilt. If the longest half-axis from there stays inside the disc, the rim
-        // has no influence.
+        // The tilt moves the ellipse's middle. If the longest half-axis from this point ends inside of the disc, the
+        // rim has no influence.
         let reach_mm = middle_mm.norm() + (2.0 * peak_mm / least_bend).sqrt();
         (reach_mm <= self.radius_mm).then(|| peak_mm - 0.5 * seat.tilt.dot(&middle_mm))
     }
@@ -141,7 +143,7 @@ impl PadWithDisc {
         depth_mm - seat.tilt.norm() * radius_mm - fall_mm > 0.0
     }
 
-    /// Calculates δ by the sum over the places that have panel below them.
+    /// Calculates δ by the sum over the points that have panel material below them.
     fn summed_depth_mm(&self, force_n: f64, seat: ContactGeometry, below: Option<SupportMask<'_>>) -> Option<f64> {
         let deeper_mm: Vec<f64> = self
             .disc_places()
@@ -153,8 +155,8 @@ impl PadWithDisc {
         }
         let each = self.stiffness_n_mm3 * self.area_mm2() / (RINGS * SPOKE_COUNT) as f64;
         let mean_mm = deeper_mm.iter().sum::<f64>() / deeper_mm.len() as f64;
-        // Start value: the depth if every place were in contact, even with negative pressure. This depth never exceeds
-        // the solution.
+        // Start value: the depth at which all points would bear the force, also with negative pressure. This depth
+        // never exceeds the solution.
         let mut depth_mm = force_n / (each * deeper_mm.len() as f64) - mean_mm;
         for _ in 0..STEPS {
             let pressed = deeper_mm.iter().filter(|deeper| depth_mm + **deeper > 0.0);
@@ -169,7 +171,7 @@ impl PadWithDisc {
         Some(depth_mm)
     }
 
-    /// Returns places of equal area over the disc, mm from its middle.
+    /// Returns points of equal area over the disc, mm from its middle.
     fn disc_places(&self) -> impl Iterator<Item = Vector2<f64>> + use<> {
         let radius_mm = self.radius_mm;
         UNIT_PLACES.iter().map(move |place| place * radius_mm)
@@ -177,7 +179,7 @@ impl PadWithDisc {
 }
 
 impl Contact {
-    /// Returns the pressure at an offset from the disc's middle, N/mm², if there is panel.
+    /// Returns the pressure at an offset from the disc's middle, N/mm², assuming that there is panel material.
     pub fn pressure_n_mm2(&self, offset_mm: Vector2<f64>) -> f64 {
         if offset_mm.norm_squared() > self.pad.radius_mm * self.pad.radius_mm {
             return 0.0;
@@ -193,7 +195,7 @@ pub struct DiscStroke {
     pub contact: Contact,
     // The position of the disc's middle at the start, in the tangent plane, mm.
     start_mm: Vector2<f64>,
-    // Direction in which a place moves relative to the disc: opposite to the disc's motion.
+    // Direction in which a point of the panel moves relative to the disc: opposite to the disc's motion.
     direction: Vector2<f64>,
     length_mm: f64,
     // K d
@@ -202,8 +204,8 @@ pub struct DiscStroke {
 }
 
 impl DiscStroke {
-    /// Creates the `number`th segment. The disc's middle moves from the first to the second end, mm in the tangent
-    /// plane, and describes a circle of this radius, mm, on its orbit.
+    /// Creates the segment with this number. The disc's middle moves from the first to the second end, mm in the
+    /// tangent plane, and describes a circle of the orbit's radius, mm.
     pub fn new(contact: Contact, ends_mm: [Vector2<f64>; 2], (orbit_radius_mm, number): (f64, usize)) -> Self {
         let orbit_mm = std::array::from_fn(|phase| {
             let turn =
@@ -217,12 +219,13 @@ impl DiscStroke {
         DiscStroke { contact, start_mm: ends_mm[0], direction, length_mm, bend_per_mm, orbit_mm }
     }
 
-    /// Returns the largest reach of the disc from its middle, mm.
+    /// Returns the largest distance from the disc's middle that the disc reaches, mm.
     pub fn reach_mm(&self) -> f64 {
         self.contact.pad.radius_mm + self.orbit_mm[0].norm()
     }
 
-    /// Returns the mean pressure at a place, mm from the segment's middle, while the disc moves past: N/mm².
+    /// Returns the mean pressure at a point while the disc moves past, N/mm². The point is given in mm from the
+    /// segment's middle.
     pub fn mean_pressure_n_mm2(&self, place_mm: Vector2<f64>) -> f64 {
         if self.is_out_of_reach(place_mm) {
             return 0.0;
@@ -233,7 +236,7 @@ impl DiscStroke {
         self.orbit_mm.iter().map(|away| self.orbit_offset(place_mm - away)).sum::<f64>() / PHASES as f64
     }
 
-    /// Returns whether a place is too far away for the disc to reach.
+    /// Returns whether the disc cannot reach a point.
     fn is_out_of_reach(&self, place_mm: Vector2<f64>) -> bool {
         let (from, reach_mm) = (place_mm - self.start_mm, self.reach_mm());
         let along_mm = from.dot(&self.direction);
@@ -270,7 +273,8 @@ fn positive_part([c0, c1, c2]: [f64; 3], [a, b]: [f64; 2]) -> f64 {
     let whole = |l: f64| l * (c0 + l * (c1 / 2.0 + l * c2 / 3.0));
     let between = |low: f64, high: f64| if low < high { whole(high) - whole(low) } else { 0.0 };
     let (at_a, at_b) = (value(a), value(b));
-    // A parabola that is curved downwards, or a straight line, is positive between two points at which it is positive.
+    // If a parabola that is curved downwards, or a straight line, is positive at two points, it is positive between
+    // them.
     if at_a >= 0.0 && at_b >= 0.0 && c2 <= 0.0 {
         return between(a, b);
     }
@@ -311,8 +315,8 @@ mod tests {
         ContactGeometry { curvature_per_mm: Matrix2::new(k1, 0.0, 0.0, k2), ..ContactGeometry::level() }
     }
 
-    /// Calculated by hand: 20 N over π · 15² = 706.86 mm² is 0.028 294 N/mm², which compresses a pad of 0.05 N/mm³
-    /// by 0.565 88 mm.
+    /// Expected values, calculated by hand: 20 N over π · 15² = 706.86 mm² are 0.028 294 N/mm², which compress a pad of
+    /// 0.05 N/mm³ by 0.565 88 mm.
     #[test]
     fn a_level_disc_bears_its_force_evenly() {
         let contact = PAD.contact_at_force(20.0, ContactGeometry::level(), None).expect("contact");
@@ -323,9 +327,9 @@ mod tests {
         assert_eq!(contact.pressure_n_mm2(Vector2::new(15.1, 0.0)), 0.0);
     }
 
-    /// Calculated by hand: on a sphere with a radius of 1000 mm, tr K = 0.002/mm, δ is larger by 225 · 0.002 / 8 =
-    /// 0.056 25 mm, and smaller at the rim by 225 · 0.001 / 2 = 0.1125. A sphere of 100 mm with 2 N touches in a
-    /// circle of r⁴ = 4 F R / (π s): r = 8.452 mm, δ = r²/2R.
+    /// Expected values, calculated by hand. On a sphere with a radius of 1000 mm, tr K = 0.002/mm; δ is larger by 225 ·
+    /// 0.002 / 8 = 0.056 25 mm, and smaller at the rim by 225 · 0.001 / 2 = 0.1125 mm. A sphere of 100 mm with 2 N has
+    /// contact in a circle of r⁴ = 4 F R / (π s): r = 8.452 mm, δ = r²/2R.
     #[test]
     fn a_sphere_is_in_contact_in_its_middle() {
         let contact = PAD.contact_at_force(20.0, bent(0.001, 0.001), None).expect("contact");
@@ -338,9 +342,9 @@ mod tests {
         assert_eq!(small.pressure_n_mm2(Vector2::new(9.0, 0.0)), 0.0, "the rim does not touch");
     }
 
-    /// Calculated by hand: tilted by 0.02 on a curvature of 1/80 by 1/60 mm, 5 N: c₀ = (5 · 0.014 434 / (π · 0.05))^½
-    /// = 0.677 8 mm, 1.6 mm aside. The ellipse reaches (2 · 0.677 8 · 80)^½ = 10.41 mm from its middle. δ = c₀ − ½ ·
-    /// 0.02 · 1.6. The sum over places gives the same result.
+    /// Expected values, calculated by hand for a disc tilted by 0.02 on a curvature of 1/80 by 1/60 mm with 5 N: c₀ =
+    /// (5 · 0.014 434 / (π · 0.05))^½ = 0.677 8 mm, 1.6 mm beside the disc's middle. The ellipse reaches (2 · 0.677 8 ·
+    /// 80)^½ = 10.41 mm from its middle. δ = c₀ − ½ · 0.02 · 1.6. The sum over points gives the same result.
     #[test]
     fn an_elliptic_contact_inside_the_disc_has_a_closed_form() {
         let seat = ContactGeometry { tilt: Vector2::new(0.02, 0.0), ..bent(1.0 / 80.0, 1.0 / 60.0) };
@@ -348,12 +352,12 @@ mod tests {
         assert!((found_mm - 0.661_8).abs() < 1e-4, "{found_mm}");
         let summed_mm = PAD.summed_depth_mm(5.0, seat, None).expect("a sum");
         assert!((summed_mm / found_mm - 1.0).abs() < 0.005, "{summed_mm} {found_mm}");
-        // With 40 N, the contact would reach beyond the disc; on a cylinder, it always does.
+        // With 40 N, the contact would extend beyond the disc; on a cylinder, it always does.
         assert_eq!([PAD.inner_depth_mm(40.0, seat), PAD.inner_depth_mm(5.0, bent(0.01, 0.0))], [None, None]);
     }
 
-    /// Calculated by hand: if half of the disc is beyond an edge, the pressure on the other half doubles; with
-    /// nothing below the disc there is no contact.
+    /// Calculated by hand: if half of the disc is beyond an edge, the pressure on the other half doubles; without
+    /// material below the disc there is no contact.
     #[test]
     fn the_part_of_the_disc_beyond_the_edge_bears_no_force() {
         let half =
@@ -366,8 +370,8 @@ mod tests {
         );
     }
 
-    /// By hand: tilted by 0.1 the disc touches on one side only. If the whole disc were in contact, c would be 0.566 −
-    /// 1.5 at the rim.
+    /// Calculated by hand: a disc tilted by 0.1 touches on one side only. If the whole disc were in contact, c would be
+    /// 0.566 − 1.5 at the rim, which is negative.
     #[test]
     fn a_tilted_disc_lifts_on_one_side_and_never_pulls() {
         let seat = ContactGeometry { tilt: Vector2::new(0.1, 0.0), ..ContactGeometry::level() };
@@ -378,7 +382,7 @@ mod tests {
     }
 
     proptest! {
-        /// For any surface, tilt and edge, the pressures add up to the force, and no pressure is negative.
+        /// For any surface, tilt and edge, the integral of the pressure is the force, and no pressure is negative.
         #[test]
         fn the_pressures_add_up_to_the_force(
             force in 2.0..60.0f64, k1 in -0.004..0.01f64, k2 in -0.004..0.01f64, tilt in -0.05..0.05f64,
@@ -400,8 +404,8 @@ mod tests {
         DiscStroke::new(contact, [Vector2::new(-40.0, 0.0), Vector2::new(40.0, 0.0)], (orbit_radius_mm, 0))
     }
 
-    /// Calculated by hand: a place in the middle of the lane is below the disc for 30 of 80 mm, a place 9 mm beside the
-    /// middle for 24 mm, and a place 15 mm beside it never; p = 0.028 294 2 N/mm².
+    /// Expected values, calculated by hand: a point in the middle of the lane is below the disc for 30 of 80 mm, a
+    /// point 9 mm beside the middle for 24 mm, and a point 15 mm beside it never; p = 0.028 294 2 N/mm².
     #[test]
     fn the_pressure_at_a_place_follows_from_its_chord() {
         let level = stroke(ContactGeometry::level(), 0.0);
@@ -409,15 +413,15 @@ mod tests {
             let found = level.mean_pressure_n_mm2(Vector2::new(3.0, y));
             assert!((found - 0.028_294_2 * chord_mm / 80.0).abs() < 1e-7, "{y}: {found}");
         }
-        // At a place 30 mm before the segment's middle, the disc is above the place from the start of the segment, for
-        // 10 + 15 mm.
+        // A point 30 mm before the segment's middle is below the disc from the start of the segment on, for 10 + 15 mm.
         let found = level.mean_pressure_n_mm2(Vector2::new(-30.0, 0.0));
         assert!((found - 0.028_294_2 * 25.0 / 80.0).abs() < 1e-7, "{found}");
         let still = DiscStroke::new(level.contact, [Vector2::zeros(); 2], (0.0, 0));
         assert!((still.mean_pressure_n_mm2(Vector2::new(14.0, 0.0)) - 0.028_294_2).abs() < 1e-7);
     }
 
-    /// By hand: the orbit spreads pressure beyond the rim, and reduces it by as much inside the rim.
+    /// Calculated by hand: the orbit moves pressure from inside of the rim to outside of the rim; the sum does not
+    /// change.
     #[test]
     fn the_orbit_spreads_the_pressure_beyond_the_rim() {
         let [sharp, spread] = [0.0, 2.5].map(|radius_mm| stroke(ContactGeometry::level(), radius_mm));

@@ -1,27 +1,27 @@
-//! Estimates what coupons show in addition to k: the exponents with which the depth grows with the force and with the
-//! number of passes, and the scatter between discs, which is a variance in addition to that of the coupons.
+//! Estimates from coupons, in addition to k, the exponents of the force and of the number of passes in the depth, and
+//! the scatter between discs, which is a variance in addition to that of the coupons.
 //!
 //! By Preston's law both exponents are 1:
 //!     ln h − ln X = ln k₀ − b w + (a_F − 1) ln F + (a_N − 1) ln N                                           (10)
-//! An exponent is determined only if the coupons differ in its quantity, independently of their other quantities.
+//! An exponent is determined only if the coupons differ in its quantity independently of their other quantities.
 //!
-//! Coupons i that disc j treated differ from the model by a common part d_j and by their own parts:
+//! The coupons i that were sanded with disc j differ from the model by a common error d_j and by their own errors:
 //!     yᵢ = aᵢᵀ x + d_j(i) + eᵢ,   var e = σ_r²,   var d = λ σ_r².                                           (8)
-//! For a known λ, the rows and values less θ_j times the mean of their disc, θ_j = 1 − 1/√(1 + λ n_j), have independent
-//! errors (Fuller & Battese, J. Am. Stat. Assoc. 68, 1973). λ is the value with the largest restricted likelihood
-//! (Patterson & Thompson, Biometrika 58, 1971):
-//!     (n − p) ln RSS(λ) + Σ ln(1 + λ n_j) + ln det(AᵀA)(λ)  is smallest.                                     (9)
+//! For a known λ, the rows and values minus θ_j times the mean of their disc, θ_j = 1 − 1/√(1 + λ n_j), have
+//! independent errors (Fuller & Battese, J. Am. Stat. Assoc. 68, 1973). λ is the value with the largest restricted
+//! likelihood (Patterson & Thompson, Biometrika 58, 1971), which minimises
+//!     (n − p) ln RSS(λ) + Σ ln(1 + λ n_j) + ln det(AᵀA)(λ).                                                  (9)
 
 use super::coupons::Coupon;
 use nalgebra::{DMatrix, DVector};
 use panelprep_vision::calib::student_95;
 
-/// Smallest ratio of the coupons' largest to smallest force, or number of passes, that shows how the depth grows with
-/// it.
+/// Minimum ratio of the coupons' largest to smallest force, or number of passes, at which the coupons show how the
+/// depth depends on this quantity.
 pub const LEVELS: f64 = 1.5;
-/// Largest uncertainty of an exponent, 95 %; with a larger one, the exponent counts as not determined.
+/// Maximum 95 % uncertainty of an exponent at which the exponent is treated as determined.
 const MAX_UNCERTAINTY: f64 = 0.3;
-/// Largest deviation of an exponent from 1 that needs no review.
+/// Maximum deviation of an exponent from 1 that needs no review.
 const MAX_DEVIATION: f64 = 0.15;
 
 /// Number of values of λ that are tried in addition to 0, at equal ratios between `MIN_LAMBDA` and `MAX_LAMBDA`.
@@ -45,7 +45,7 @@ impl Power {
         off.is_nan() || (off > MAX_DEVIATION && off > self.uncertainty)
     }
 
-    /// Returns by how much the exponent may differ from 1, 95 %.
+    /// Returns the largest difference of the exponent from 1 within its 95 % uncertainty.
     pub fn deviation_from_one_95(self) -> f64 {
         (self.value - 1.0).abs() + self.uncertainty
     }
@@ -65,7 +65,8 @@ pub struct ForceExponents {
 }
 
 impl ForceExponents {
-    /// Computes the exponents from the coupons, with the rows and values of the model (7) and the discs' scatter.
+    /// Computes the exponents from the coupons, with the rows and values of the model (7) and the scatter between the
+    /// discs.
     pub(super) fn compute(
         coupons: &[Coupon],
         (rows, y): (&DMatrix<f64>, &DVector<f64>),
@@ -97,12 +98,12 @@ impl ForceExponents {
     }
 }
 
-/// Returns the logarithms of a quantity of the coupons, less their mean; `None` if the quantity is nearly the same for
+/// Returns the logarithms of a quantity of the coupons, minus their mean; `None` if the quantity is nearly the same for
 /// all coupons.
 fn column(coupons: &[Coupon], number: impl Fn(&Coupon) -> f64) -> Option<DVector<f64>> {
     let logarithms = DVector::from_iterator(coupons.len(), coupons.iter().map(|coupon| number(coupon).ln()));
     let mean = logarithms.mean();
-    // A ratio of exactly the factor is wide enough, despite rounding of the logarithm.
+    // The tolerance permits a ratio of exactly the minimum, despite rounding of the logarithm.
     let is_wide = logarithms.max() - logarithms.min() >= LEVELS.ln() - 1e-9;
     is_wide.then(|| logarithms.map(|value| value - mean))
 }
@@ -113,11 +114,11 @@ pub(super) struct Line {
     pub solution: DVector<f64>,
     /// (AᵀA)⁻¹.
     pub inverse: DMatrix<f64>,
-    /// Standard deviation of one y from the model.
+    /// Standard deviation of a value y from the model.
     pub deviation: f64,
 }
 
-/// Returns the x that minimises |A x − y|², with these rows of A; `None` if they do not determine x.
+/// Returns the x that minimises |A x − y|², with these rows of A; `None` if the rows do not determine x.
 pub(super) fn line(rows: &DMatrix<f64>, y: &DVector<f64>) -> Option<Line> {
     let inverse = (rows.transpose() * rows).try_inverse()?;
     let solution = &inverse * rows.transpose() * y;
@@ -126,20 +127,20 @@ pub(super) fn line(rows: &DMatrix<f64>, y: &DVector<f64>) -> Option<Line> {
     Some(Line { solution, inverse, deviation: (left.norm_squared() / redundancy).sqrt() })
 }
 
-/// The discs of the coupons and their scatter.
+/// The discs of the coupons and the scatter between the discs.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct DiscScatter {
     /// For each coupon, the index of its disc.
     disc_of: Vec<usize>,
     /// For each disc, the number of its coupons.
     counts: Vec<f64>,
-    /// Ratio of the variances, λ.
+    /// Ratio λ of the variance between discs to the variance between coupons.
     ratio: f64,
 }
 
 impl DiscScatter {
-    /// Estimates the scatter between these discs, one for each row; `None` if a coupon has no disc, if there is
-    /// only one disc, or if each disc has only one coupon.
+    /// Estimates the scatter between discs; `discs` contains the disc of each row. `None` if a coupon has no disc, if
+    /// there is only one disc, or if each disc has only one coupon.
     pub fn estimate(discs: &[Option<&str>], (rows, y): (&DMatrix<f64>, &DVector<f64>)) -> Option<Self> {
         let names: Vec<&str> = discs.iter().copied().collect::<Option<_>>()?;
         let mut known: Vec<&str> = names.clone();
@@ -163,17 +164,18 @@ impl DiscScatter {
         judged.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, best)| best)
     }
 
-    /// Returns the number of discs that treated two coupons or more: a disc with one coupon does not show the scatter.
+    /// Returns the number of discs with two or more coupons; a disc with one coupon does not show the scatter.
     pub fn discs(&self) -> usize {
         self.counts.iter().filter(|count| **count >= 2.0).count()
     }
 
-    /// Returns the standard deviation of a disc, calculated from that of a coupon.
+    /// Returns the standard deviation between discs, calculated from that between coupons.
     pub fn deviation(&self, coupon_deviation: f64) -> f64 {
         self.ratio.sqrt() * coupon_deviation
     }
 
-    /// Fits the rows with the discs' scatter taken into account; `deviation` is that of a coupon on its disc.
+    /// Fits the rows, taking the scatter between discs into account; `deviation` of the result is that of a coupon on
+    /// its disc.
     pub fn line(&self, rows: &DMatrix<f64>, y: &DVector<f64>) -> Option<Line> {
         line(
             &self.remove_disc_means(rows),
@@ -181,8 +183,9 @@ impl DiscScatter {
         )
     }
 
-    /// Returns the effective degrees of freedom of the mean of all coupons: those of the discs if the discs differ,
-    /// those of the coupons if they do not (Satterthwaite).
+    /// Returns the effective degrees of freedom (Welch–Satterthwaite) of the mean of all coupons, after the fit of this
+    /// number of unknowns: the number of discs minus 1 if the scatter between discs predominates, those of the coupons
+    /// if the discs do not differ.
     pub fn redundancy(&self, unknowns: usize) -> f64 {
         let (coupons, discs) = (self.disc_of.len() as f64, self.counts.len() as f64);
         let of_mean = self.ratio * coupons / discs;
@@ -200,7 +203,7 @@ impl DiscScatter {
         Some(redundancy * square_sum.ln() + discs - found.inverse.determinant().ln())
     }
 
-    /// Subtracts from each column its disc's mean times θ.
+    /// Subtracts from each element θ times the mean of its column over the rows of its disc.
     fn remove_disc_means(&self, columns: &DMatrix<f64>) -> DMatrix<f64> {
         let mut means = DMatrix::<f64>::zeros(self.counts.len(), columns.ncols());
         for (row, disc) in self.disc_of.iter().enumerate() {
@@ -223,7 +226,8 @@ mod tests {
     use rand::{RngExt, SeedableRng};
     use rand_pcg::Pcg64Mcg;
 
-    /// Twelve coupons with forces of 10 and 20 N, and depths that grow with these powers of force and passes.
+    /// Returns the exponents found from twelve coupons with forces of 10 and 20 N whose depths have these true
+    /// exponents of force and passes.
     fn powers(force: f64, passes: f64) -> ForceExponents {
         let mut made = coupons(&[0.01, -0.01, 0.005, 0.0, -0.005, 0.01, -0.01, 0.0, 0.005, 0.0, 0.01, -0.01]);
         for (index, own) in made.iter_mut().enumerate() {
@@ -246,8 +250,8 @@ mod tests {
         assert!(!preston.force.is_some_and(Power::contradicts_preston), "{preston:?}");
     }
 
-    /// With one force, with forces 1.49 times apart, or with forces that are proportional to the passes, no exponent of
-    /// the force is returned.
+    /// With one force, with forces of a ratio of 1.49, or with forces that are proportional to the passes, the force's
+    /// exponent is not determined.
     #[test]
     fn an_exponent_that_the_coupons_do_not_determine_is_not_stated() {
         let with = |force_n: &dyn Fn(usize) -> f64| {
@@ -274,9 +278,9 @@ mod tests {
         (scatter, line)
     }
 
-    /// Calculated by hand, analysis of variance: pairs ±0.01 about −0.1, 0 and 0.1. Within the discs σ_r² =
-    /// 3 · 2 · 10⁻⁴ / 3 = 2·10⁻⁴, between them the means have the variance 0.01 = σ_d² + σ_r²/2: σ_d² = 0.0099. The
-    /// mean's variance is 0.01 / 3.
+    /// Expected values, calculated by hand as an analysis of variance: pairs ±0.01 about −0.1, 0 and 0.1. Within the
+    /// discs σ_r² = 3 · 2 · 10⁻⁴ / 3 = 2·10⁻⁴; between the discs the means have the variance 0.01 = σ_d² + σ_r²/2: σ_d²
+    /// = 0.0099. The mean's variance is 0.01 / 3.
     #[test]
     fn the_variances_are_those_of_an_analysis_of_variance() {
         let (scatter, line) = found([-0.11, -0.09, -0.01, 0.01, 0.09, 0.11]);
@@ -284,7 +288,7 @@ mod tests {
         assert!((scatter.deviation(line.deviation).powi(2) / 0.0099 - 1.0).abs() < 0.1, "{scatter:?}");
         let mean_variance = line.inverse[(0, 0)] * line.deviation.powi(2);
         assert!((mean_variance / (0.01 / 3.0) - 1.0).abs() < 0.1, "{mean_variance}");
-        // Three discs that differ: two degrees of freedom.
+        // Three discs that differ have two degrees of freedom.
         assert!((scatter.redundancy(1) - 2.0).abs() < 0.1, "{}", scatter.redundancy(1));
     }
 

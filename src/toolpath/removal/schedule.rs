@@ -1,22 +1,22 @@
-//! Calculates the feed on each move of a path, so that the removal is even over the treated area.
+//! Calculates the feed of each move of a path, so that the removal is uniform over the treated area.
 //!
-//! If a grain rubs x mm for each millimetre of a move, the move removes k p x from a place for each millimetre, so the
-//! depths of all places are h = A x: they are linear in x, whatever the orbit. x decreases with the feed (`speed`); the
-//! bounds of the feeds give bounds of x, and bounded least squares find the x that comes nearest to the target
-//! everywhere. Beyond the treated area there is no target: there the removal tapers off with the disc's radius. The
-//! wear of the disc depends only on the length of its path, so it is known beforehand.
+//! Let x be the length over which a grain rubs per millimetre of a move. The move removes k p x from a point per
+//! millimetre, so the depths of all points are h = A x: they are linear in x for any orbit. x decreases with the feed
+//! (`speed`), and the limits of the feeds give limits of x. Bounded least squares find the x that is nearest to the
+//! target everywhere. Outside of the treated area there is no target; the removal decreases within the disc's radius
+//! there. The wear of the disc depends only on the length of its path, so it is known in advance.
 //!
-//! The speed of the tool centre point cannot jump. From one move to the next the square of the feed changes by at most
-//! the acceleration times the length of the faster move, so that the change takes at most half of this move. If this
-//! requires a lower feed, the feed is lowered, and the other feeds are calculated again.
+//! The speed of the tool centre point cannot change suddenly. From one move to the next the square of the feed changes
+//! by at most the acceleration times the length of the faster move, so that the change takes at most half of this move.
+//! If this requires a lower feed, the feed is reduced, and the other feeds are calculated again.
 //!
-//! The result is not adapted to the recipe's limits: its map shows whether it keeps them.
+//! The result is not adapted to the recipe's limits; its map shows whether they are met.
 //!
 //! The least squares have a sparse matrix and are solved by coordinate descent. They minimise
 //!     Σᵢ (Σⱼ aᵢⱼ xⱼ − yᵢ)² + μ Σⱼ hⱼ (xⱼ − ½ (xⱼ₋₁ + xⱼ₊₁))²,   low ≤ x ≤ high, with hⱼ = Σᵢ aᵢⱼ².
-//! Each step sets one x to the minimum along its axis, clipped to its bounds: the sum never increases, and reaches its
-//! minimum because it is convex. The second term keeps neighbours similar if the first term does not determine them.
-//! Source: Tseng, J. Optim. Theory Appl. 109, 2001.
+//! Each step sets one x to the minimum along its axis, clamped to its limits: the sum never increases, and it reaches
+//! its minimum because it is convex. The second term keeps successive values similar where the first term does not
+//! determine them. Source: Tseng, J. Optim. Theory Appl. 109, 2001.
 
 use super::map::Samples;
 use super::model::{Model, UM_PER_MM};
@@ -26,22 +26,23 @@ use crate::surface::{BSplineSurface, Parameter, Treated};
 use panelprep_cell::panel::Region;
 use rayon::prelude::*;
 
-/// Distance between calculated places, in radii of the disc; `SPACING_MM` contains the bounds of this distance, mm.
+/// Distance between sample points, in disc radii; `SPACING_MM` contains the limits of this distance.
 const SPACING_RADII: f64 = 0.2;
+/// Minimum and maximum distance between sample points, mm.
 const SPACING_MM: [f64; 2] = [1.0, 3.0];
-/// Weight by which neighbouring feeds are kept similar.
+/// Weight of the term that keeps successive feeds similar.
 const SMOOTHING_WEIGHT: f64 = 0.02;
-/// Numbers of iterations over all moves: at the start, and after feeds were lowered for the acceleration.
+/// Number of iterations over all moves: at the start, and after feeds were reduced for the acceleration.
 const ITERATIONS: [usize; 2] = [40, 12];
 
 /// A move of the path.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Move {
-    /// The index of the pose at the end of the move, with the same numbering as `DiscStretch::pose`.
+    /// Index of the pose at the end of the move, with the numbering of `DiscStretch::pose`.
     pub pose: usize,
     /// Its length, mm.
     pub length_mm: f64,
-    /// Lowest and highest feed, mm/s.
+    /// Minimum and maximum feed, mm/s.
     pub feeds_mm_s: [f64; 2],
 }
 
@@ -54,8 +55,8 @@ pub struct RemovalTarget {
     pub acceleration_mm_s2: f64,
 }
 
-/// Calculates the feed on each move, mm/s, that brings the removal nearest to the target. `stretches` are the segments
-/// of the path; their feed does not matter.
+/// Calculates the feed of each move, mm/s, for which the removal is nearest to the target. `stretches` are the segments
+/// of the path; their feeds have no influence.
 pub fn schedule(
     (surface, region, ground): (&BSplineSurface, &Region, IsPanelAt<'_>),
     treated: &Treated,
@@ -79,10 +80,10 @@ pub fn schedule(
         rounds: ITERATIONS[0],
     };
     let lowest: Vec<f64> = bounds.iter().map(|[low, _]| *low).collect();
-    // The iteration begins with the highest feeds: the first rounds then add removal at the places that need it.
+    // The iteration begins with the highest feeds, so that the first iterations add removal at the points that need it.
     let free = minimise_bounded(&columns, lowest.clone(), &sought);
     let slowed = limit_feed_steps(&feeds(&model.orbit, moves, &free), moves, target.acceleration_mm_s2);
-    // Feeds that were lowered for the acceleration are not raised again; the other feeds compensate.
+    // Feeds that were reduced for the acceleration are not increased again; the other feeds compensate.
     let held: Vec<[f64; 2]> = slowed
         .iter()
         .zip(&free)
@@ -102,8 +103,8 @@ fn feeds(orbit: &Orbit, moves: &[Move], x: &[f64]) -> Vec<f64> {
     moves.iter().zip(x).map(|(own, x)| orbit.feed_mm_s(*x, own.feeds_mm_s)).collect()
 }
 
-/// Calculates the removal by each move at each place, relative to the target, for one mm rubbed per mm of the move;
-/// also returns the areas of the places.
+/// Calculates the removal by each move at each point, relative to the target, for one mm of rubbing per mm of the move;
+/// also returns the areas of the points.
 fn columns(
     samples: &[Samples],
     (stretches, moves): (&[DiscStretch], &[Move]),
@@ -138,7 +139,7 @@ fn columns(
     (columns, samples.iter().flat_map(|own| own.area_mm2.iter().copied()).collect())
 }
 
-/// Merges the entries of the same row into one.
+/// Adds the entries of a column that have the same row.
 fn merge_rows(mut column: Vec<(u32, f32)>) -> Vec<(u32, f32)> {
     column.sort_unstable_by_key(|(row, _)| *row);
     let mut merged: Vec<(u32, f32)> = Vec::with_capacity(column.len());
@@ -151,8 +152,7 @@ fn merge_rows(mut column: Vec<(u32, f32)>) -> Vec<(u32, f32)> {
     merged
 }
 
-/// Returns these feeds, lowered at moves from which the acceleration does not permit the feed of the next or the
-/// previous move.
+/// Returns these feeds, reduced where the acceleration does not permit the change from or to an adjacent move.
 fn limit_feed_steps(feeds_mm_s: &[f64], moves: &[Move], acceleration_mm_s2: f64) -> Vec<f64> {
     let mut slowed = feeds_mm_s.to_vec();
     let follows = |index: usize| moves[index].pose == moves[index - 1].pose + 1;
@@ -175,7 +175,7 @@ struct Columns {
 }
 
 impl Columns {
-    /// Appends a column: the rows with non-zero entries, each with its value.
+    /// Appends a column, given by its non-zero entries: row and value.
     pub fn push(&mut self, column: impl IntoIterator<Item = (u32, f32)>) {
         if self.starts.is_empty() {
             self.starts.push(0);
@@ -198,7 +198,7 @@ impl Columns {
         rows.zip(self.values[range].iter().map(|value| f64::from(*value)))
     }
 
-    /// Returns A x, over this number of rows.
+    /// Returns the product A x, with this number of rows.
     pub fn times(&self, x: &[f64], rows: usize) -> Vec<f64> {
         let mut sums = vec![0.0; rows];
         for (index, x) in x.iter().enumerate().take(self.count()) {
@@ -208,20 +208,20 @@ impl Columns {
     }
 }
 
-/// The problem that the descent solves.
+/// The minimisation problem of the coordinate descent.
 #[derive(Debug, Clone, Copy)]
 struct DescentTarget<'a> {
     /// The target vector y.
     pub target: &'a [f64],
-    /// Lowest and highest x.
+    /// Lower and upper limit of each x.
     pub bounds: &'a [[f64; 2]],
-    /// Weight of the smoothing, μ.
+    /// Weight μ of the smoothing term.
     pub smoothing_weight: f64,
     /// Number of iterations over all unknowns.
     pub rounds: usize,
 }
 
-/// Returns the x that minimises the sum, beginning with a start within the bounds.
+/// Returns the x that minimises the sum; the start `x` must be within the limits.
 fn minimise_bounded(columns: &Columns, mut x: Vec<f64>, sought: &DescentTarget<'_>) -> Vec<f64> {
     let count = columns.count().min(x.len()).min(sought.bounds.len());
     let mut over = columns.times(&x, sought.target.len());
@@ -231,7 +231,7 @@ fn minimise_bounded(columns: &Columns, mut x: Vec<f64>, sought: &DescentTarget<'
     for _ in 0..sought.rounds {
         for index in 0..count {
             let square = squares[index];
-            // A move that removes nothing on the treated area has no best feed; it keeps its start.
+            // A move that removes no material of the treated area has no best feed and keeps its start value.
             if square <= 0.0 {
                 continue;
             }
@@ -241,11 +241,11 @@ fn minimise_bounded(columns: &Columns, mut x: Vec<f64>, sought: &DescentTarget<'
             let mean = beside.iter().sum::<f64>() / beside.len().max(1) as f64;
             let pull = if beside.is_empty() { 0.0 } else { sought.smoothing_weight };
             let [low, high] = sought.bounds[index];
-            // The smoothing term is scaled with the column's sum of squares, so that μ has the same effect for a move
-            // with a large removal and one with a small removal.
+            // The smoothing term is scaled with the column's sum of squares, so that μ has the same effect for moves
+            // with a large and a small removal.
             let best = x[index] - (slope + pull * square * (x[index] - mean)) / (square * (1.0 + pull));
-            // The value is clamped in each step: for a convex problem the descent then ends at the best feeds within
-            // the limits, which are not the clamped best feeds without limits.
+            // The value is clamped in each step: for a convex problem the descent then ends at the optimum within the
+            // limits, which differs from the clamped optimum without limits.
             let step = best.clamp(low, high) - x[index];
             if step != 0.0 {
                 x[index] += step;
@@ -269,8 +269,8 @@ mod tests {
     use panelprep_cell::panel::GridId;
     use proptest::prelude::*;
 
-    /// Rows 12 mm apart over a square of 60 mm in the middle of 100 mm, from 6 mm outside the square; moves of 6
-    /// mm.
+    /// Returns rows 12 mm apart over a square of 60 mm in the middle of 100 mm, beginning 6 mm outside of the square,
+    /// with moves of 6 mm.
     fn rows() -> Vec<ExecutedPose> {
         let mut path = Vec::new();
         for row in 0..7 {
@@ -293,7 +293,7 @@ mod tests {
         timed
     }
 
-    /// Plans the treatment of the middle one of 5 × 5 grids of 20 mm and its neighbours: 60 × 60 mm.
+    /// Plans the treatment of the middle grid of 5 × 5 grids of 20 mm and its neighbours: 60 × 60 mm.
     fn planned(target_um: f64, feeds: [f64; 2], swept_mm2: f64) -> (Vec<f64>, RemovalMap, RemovalMap, Vec<Move>) {
         let (surface, region) = (level(100.0), region(5, 5));
         let inner = |id: &GridId| (2..=4).contains(&id.row) && (2..=4).contains(&id.column);
@@ -324,7 +324,7 @@ mod tests {
         let [even, plain] = [&scheduled, &constant].map(|map| MapFigures::compute(map, 40.0).expect("treated"));
         assert!(even.within_percent < 10.0 && (even.mean_um / 40.0 - 1.0).abs() < 0.03, "{even:?}");
         assert!(even.within_percent < 0.2 * plain.within_percent, "{even:?} {plain:?}");
-        // Beyond the treated grids, the depth decreases: it is nowhere larger than inside.
+        // Outside of the treated grids the depth decreases: it is nowhere larger than inside.
         assert!(even.largest_um < 1.3 * 40.0, "{even:?}");
     }
 
@@ -334,7 +334,7 @@ mod tests {
             let (found, _, _, moves) = planned(40.0, [5.0, 120.0], swept_mm2);
             moves.iter().zip(&found).map(|(own, feed)| own.length_mm / feed).sum::<f64>()
         };
-        // Calculated by hand: e^0.4 = 1.49 times the time.
+        // Expected value, calculated by hand: the duration increases by e^0.4 = 1.49.
         let ratio = seconds(500_000.0) / seconds(0.0);
         assert!((ratio - 1.49).abs() < 0.1, "{ratio}");
     }
@@ -355,7 +355,8 @@ mod tests {
         assert!(found.iter().all(|feed_mm_s| *feed_mm_s < 20.0 + 1e-6), "all that one pass can: {found:?}");
     }
 
-    /// Calculated by hand: from 10 mm/s, on 6 mm at 100 mm/s², (10² + 600)^½ = 26.46 mm/s are reached, then 36.06.
+    /// Expected values, calculated by hand: from 10 mm/s over 6 mm at 100 mm/s², the feed can reach (10² + 600)^½ =
+    /// 26.46 mm/s, then 36.06 mm/s.
     #[test]
     fn feeds_rise_as_the_acceleration_permits() {
         let own = |pose| Move { pose, length_mm: 6.0, feeds_mm_s: [1.0, 60.0] };
@@ -363,7 +364,7 @@ mod tests {
         let found = limit_feed_steps(&[10.0, 60.0, 60.0, 20.0], &moves, 100.0);
         let expected = [10.0, 26.457_5, 31.622_8, 20.0];
         assert!(found.iter().zip(expected).all(|(found, expected)| (found - expected).abs() < 1e-3), "{found:?}");
-        // After a motion through the air, the previous feed does not limit the next one.
+        // After a motion through the air, the previous feed does not limit the next feed.
         let apart = [own(1), own(5)];
         assert_eq!(limit_feed_steps(&[10.0, 60.0], &apart, 100.0), [10.0, 60.0]);
     }
@@ -381,7 +382,7 @@ mod tests {
         DescentTarget { target: wanted, bounds, smoothing_weight: 0.0, rounds: 200 }
     }
 
-    /// Calculated by hand: x₀ + x₁ = 3 and x₁ = 2 are satisfied by (1, 2); with x₁ ≤ 1 the best x₀ is 2.
+    /// Expected values, calculated by hand: (1, 2) satisfies x₀ + x₁ = 3 and x₁ = 2; with x₁ ≤ 1 the best x₀ is 2.
     #[test]
     fn a_bounded_minimum_with_two_unknowns_by_hand() {
         let mut columns = Columns::default();
@@ -395,7 +396,7 @@ mod tests {
     }
 
     proptest! {
-        /// At the end, no change of a single unknown gives a smaller sum, and all unknowns are within their bounds.
+        /// At the end, no change of a single unknown gives a smaller sum, and all unknowns are within their limits.
         #[test]
         fn no_step_lowers_the_minimum(
             values in prop::collection::vec(0.0..1.0f32, 24), wanted in prop::collection::vec(0.0..3.0f64, 6),

@@ -1,15 +1,15 @@
-//! The speed of an abrasive grain over the panel, while the disc orbits and moves along the path.
+//! The speed of an abrasive grain over the panel while the disc orbits and moves along the path.
 //!
 //!     v = (1/2π) ∮ |u + f| dφ = (2/π) (u + f) E(m),   m = 4 u f / (u + f)²                                 (2)
-//! Here u is the orbit's speed, f the feed, and E the complete elliptic integral of the second kind with its
-//! parameter m, calculated by the arithmetic-geometric mean. Source: Abramowitz & Stegun, Handbook of Mathematical
-//! Functions, 17.3.3 and 17.6.
+//! u is the speed on the orbit, f the feed, and E the complete elliptic integral of the second kind with the parameter
+//! m, calculated by the arithmetic-geometric mean. Source: Abramowitz & Stegun, Handbook of Mathematical Functions,
+//! 17.3.3 and 17.6.
 
 use std::f64::consts::PI;
 
-/// Largest number of steps of the arithmetic-geometric mean; each step doubles the number of correct digits.
+/// Maximum number of steps of the arithmetic-geometric mean; each step doubles the number of correct digits.
 const STEPS: usize = 40;
-/// Number of bisection steps in the search for a feed.
+/// Number of bisections in the search for a feed.
 const HALVINGS: usize = 60;
 
 /// The orbital motion of the disc.
@@ -34,14 +34,14 @@ impl Orbit {
         if sum <= 0.0 { 0.0 } else { 2.0 / PI * sum * elliptic_e(4.0 * u * f / (sum * sum)) }
     }
 
-    /// Returns the length over which a grain rubs while the disc moves by 1 mm at this feed, mm/mm: at least 1, and
-    /// more at a lower feed.
+    /// Returns the length over which a grain rubs per mm of the disc's path at this feed, mm/mm: at least 1, and more
+    /// at a lower feed.
     pub fn rubbed_per_mm(&self, feed_mm_s: f64) -> f64 {
         self.grain_mm_s(feed_mm_s) / feed_mm_s
     }
 
-    /// Returns the feed between these bounds, low and high, at which a grain rubs over this length while the disc moves
-    /// by 1 mm; the nearer bound if there is no such feed.
+    /// Returns the feed between the limits `low` and `high` at which a grain rubs over this length per mm of the disc's
+    /// path; the nearer limit if there is no such feed.
     pub fn feed_mm_s(&self, rubbed_per_mm: f64, [mut low, mut high]: [f64; 2]) -> f64 {
         for _ in 0..HALVINGS {
             let middle = 0.5 * (low + high);
@@ -51,7 +51,7 @@ impl Orbit {
     }
 }
 
-/// Calculates E(m), 0 ≤ m ≤ 1.
+/// Calculates the elliptic integral E(m), 0 ≤ m ≤ 1.
 pub(super) fn elliptic_e(m: f64) -> f64 {
     if m >= 1.0 - 1e-15 {
         return 1.0;
@@ -76,15 +76,16 @@ mod tests {
 
     const ORBIT: Orbit = Orbit { diameter_mm: 5.0, speed_rev_min: 10_000.0 };
 
-    /// Values from tables: E(0) = π/2, E(1/2) = 1.350 643 881, E(1) = 1.
+    /// Expected values from tables: E(0) = π/2, E(1/2) = 1.350 643 881, E(1) = 1.
     #[test]
     fn the_elliptic_integral_agrees_with_tables() {
         assert!((elliptic_e(0.0) - PI / 2.0).abs() < 1e-15 && elliptic_e(1.0) == 1.0);
         assert!((elliptic_e(0.5) - 1.350_643_881_047_675).abs() < 1e-14, "{}", elliptic_e(0.5));
     }
 
-    /// By hand: π · 5 mm · 10 000 / 60 s = 2617.99 mm/s. Without an orbit a grain moves with the feed, and without a
-    /// feed it moves around its orbit. If both speeds are equal, the mean of |1 + e^{iφ}| is 4/π.
+    /// Expected values, calculated by hand: π · 5 mm · 10 000 / 60 s = 2617.99 mm/s. Without an orbit a grain moves
+    /// with the feed, and without a feed it moves on its orbit. If both speeds are equal, the mean of |1 + e^{iφ}| is
+    /// 4/π.
     #[test]
     fn the_mean_over_an_orbit() {
         assert!((ORBIT.speed_mm_s() - 2_617.993_878).abs() < 1e-5);
@@ -98,7 +99,7 @@ mod tests {
     }
 
     proptest! {
-        /// Compares the closed form with the sum over 20,000 places of the orbit.
+        /// Compares the closed form with the sum over 20,000 positions on the orbit.
         #[test]
         fn the_closed_form_is_the_mean(u in 1.0..500.0f64, share in 0.0..3.0f64) {
             let orbit = Orbit { diameter_mm: u / PI, speed_rev_min: 60.0 };

@@ -1,4 +1,5 @@
-//! The table of coupons, a CSV file: one measured place per line, columns by their names in any order.
+//! Reads the table of coupons, a CSV file with one measurement per line; columns are found by their names, in any
+//! order.
 //!
 //! Every problem is reported with its line and column; a table with a problem is not used.
 
@@ -7,10 +8,10 @@ use csv::{ReaderBuilder, StringRecord, Trim};
 use panelprep_base::number_text::shortest_text;
 use std::ops::RangeInclusive;
 
-/// A column of numbers: its name, the allowed range, and whether a value is required in each line.
+/// A column of numbers: its name, the range of its values, and whether each line must have a value.
 type Column = (&'static str, RangeInclusive<f64>, bool);
 
-/// Smallest depth that can be measured, µm.
+/// Minimum depth that can be measured, µm.
 const MIN_DEPTH_UM: f64 = 0.01;
 const COLUMNS: [Column; 8] = [
     ("force_n", 0.1..=1_000.0, true),
@@ -28,12 +29,12 @@ const DISC: &str = "disc";
 /// First character of a comment line.
 const REMARK_SIGN: char = '#';
 
-/// The problems of a table.
+/// All problems of a table.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{}", .0.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n"))]
 pub struct TableError(pub Vec<TableProblem>);
 
-/// A problem of the table.
+/// One problem of a table.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("line {line}, {column}: {message}")]
 pub struct TableProblem {
@@ -41,7 +42,7 @@ pub struct TableProblem {
     pub line: u64,
     /// The column's name.
     pub column: String,
-    /// The value found, and the allowed values.
+    /// The value that was found, and the valid values.
     pub message: String,
 }
 
@@ -52,7 +53,7 @@ fn problem(line: u64, column: &str, message: impl Into<String>) -> TableProblem 
 /// Reads a table of coupons.
 ///
 /// # Errors
-/// Returns every problem with its line and column.
+/// If the table has problems: all of them, with line and column.
 pub fn read_coupons(bytes: &[u8]) -> Result<Vec<Coupon>, TableError> {
     let text = String::from_utf8(bytes.to_vec()).map_err(|error| {
         let line = 1 + bytes[..error.utf8_error().valid_up_to()].iter().filter(|byte| **byte == b'\n').count();
@@ -77,10 +78,10 @@ pub fn read_coupons(bytes: &[u8]) -> Result<Vec<Coupon>, TableError> {
     if problems.is_empty() { Ok(coupons) } else { Err(TableError(problems)) }
 }
 
-/// Splits one line into its values.
+/// Splits one line of the table into its values.
 fn values(line: &str) -> StringRecord {
     let mut reader = ReaderBuilder::new().has_headers(false).trim(Trim::All).from_reader(line.as_bytes());
-    // Reading text in memory cannot fail.
+    // Reading from memory cannot fail.
     reader.records().next().and_then(Result::ok).unwrap_or_default()
 }
 
@@ -102,7 +103,7 @@ fn header_problems(header: &StringRecord, line: u64) -> Vec<TableProblem> {
     problems
 }
 
-/// A line of the table.
+/// A line of the table, with the table's header.
 struct Row<'a> {
     header: &'a StringRecord,
     record: &'a StringRecord,
@@ -148,7 +149,7 @@ fn coupon(row: &Row<'_>) -> Result<Coupon, Vec<TableProblem>> {
     if row.text(COUPON).is_none() {
         problems.push(problem(row.line, COUPON, "a name is missing"));
     }
-    // A coupon without a disc name could belong to any disc, and the scatter between discs would be wrong.
+    // If only some lines name their disc, the scatter between discs would be wrong.
     if row.header.iter().any(|name| name == DISC) && row.text(DISC).is_none() {
         problems.push(problem(row.line, DISC, "a name is missing"));
     }
@@ -176,7 +177,7 @@ fn coupon(row: &Row<'_>) -> Result<Coupon, Vec<TableProblem>> {
     }
 }
 
-/// Returns the depth, as stated or as the difference of two thicknesses.
+/// Returns the depth of a line: its depth column, or the difference of its two thicknesses.
 fn depth_um(row: &Row<'_>, numbers: &[Option<f64>]) -> Result<f64, Vec<TableProblem>> {
     match numbers {
         [Some(depth_um), None, None] => Ok(*depth_um),

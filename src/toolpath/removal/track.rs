@@ -2,9 +2,9 @@
 //! a grain rubs.
 //!
 //! A path consists of poses with their times, planned or as the robot reported them. Each line between two poses is
-//! divided into segments of at most half of the disc's radius; for the whole of a segment, the contact at its middle is
-//! used. A pose that is marked as in contact counts as in contact if its tip is not higher above the surface than
-//! `dwell` states. The area that the disc has swept grows by its diameter times the length, as the store counts it.
+//! divided into segments of at most half of the disc's radius; the contact at a segment's middle is used for the whole
+//! segment. A pose that is marked as in contact is used only if its tip is not higher above the surface than the limit
+//! in `dwell`. The swept area of the disc increases by its diameter times the length, as in the store.
 //!
 //! The surface below the disc is a point with its tangent plane: the axes, the normal and the curvature. With E, F, G
 //! and L, M, N of the first and second form, x along S_u and y = n × x, the curvature in these axes is
@@ -20,33 +20,33 @@ use nalgebra::{Matrix2, Vector2, Vector3};
 use panelprep_base::geometry::{Panel, Point, Rigid, Tool, Vector};
 use std::f64::consts::TAU;
 
-/// Largest length of a segment, in radii of the disc.
+/// Maximum length of a segment, in disc radii.
 const MAX_SEGMENT_RADII: f64 = 0.5;
-/// Number of directions in which a place on the rim, and one half-way to the rim, are checked to find whether the whole
-/// disc has panel below it.
+/// Number of directions in which two points, on the rim and half-way to the rim, are checked to find whether the whole
+/// disc has panel material below it.
 const RIM_DIRECTIONS: usize = 16;
 
-/// Cosine of the largest tilt against the surface, 60°, at which the tool still counts as lying on the surface.
+/// Minimum cosine of the tilt against the surface at which the tool is treated as lying on the surface: 60°.
 const MIN_COSINE: f64 = 0.5;
 
-/// A function that returns whether there is panel at this place of the surface.
+/// A function that returns whether there is panel material at this point of the surface.
 pub type IsPanelAt<'a> = &'a (dyn Fn(Parameter) -> bool + Sync);
 
-/// The disc of a tool.
+/// The disc on its pad, with its motion and wear.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Disc {
     /// Disc and pad.
     pub pad: PadWithDisc,
     /// Its orbit.
     pub orbit: Orbit,
-    /// Whether the pressure takes the rim's motion on the orbit into account; simpler models do not.
+    /// Whether the calculation of the pressure includes the rim's orbital motion; simpler models do not include it.
     pub rim_orbits: bool,
     /// Area that the disc has swept before this path, mm².
     pub swept_mm2: f64,
 }
 
 impl Disc {
-    /// Returns the radius of the circle on which the rim moves, mm.
+    /// Returns the radius of the circle on which the rim's centre moves, mm.
     fn rim_orbit_mm(&self) -> f64 {
         if self.rim_orbits { self.orbit.diameter_mm / 2.0 } else { 0.0 }
     }
@@ -69,8 +69,8 @@ pub struct DiscStretch {
     pub swept_mm2: f64,
 }
 
-/// Returns the segments of a path. If the force of a pose was not measured, the tool presses with `nominal_n`, N, on
-/// the motion to this pose.
+/// Returns the segments of a path. If the force of a pose was not measured, `nominal_n`, N, is used for the motion to
+/// this pose.
 pub fn path_stretches(
     surface: &BSplineSurface,
     executed: &[ExecutedPose],
@@ -106,13 +106,13 @@ pub fn path_stretches(
     all
 }
 
-/// Calculates the length over which a grain rubs in this time on a motion of this length, mm.
+/// Calculates the length, mm, over which a grain rubs during a motion of this length and duration.
 fn rubbed_mm(orbit: &Orbit, length_mm: f64, seconds: f64) -> f64 {
-    // If no time has passed, the same report was received twice, and the disc has not moved.
+    // If the duration is 0, the same report was received twice, and the disc has not moved.
     if seconds > 0.0 { orbit.grain_mm_s(length_mm / seconds) * seconds } else { length_mm }
 }
 
-/// Returns the frame of the surface below a point in contact.
+/// Returns the tangent frame of the surface below a contact point.
 fn surface_frame_below(
     surface: &BSplineSurface,
     guess: &mut Parameter,
@@ -125,7 +125,7 @@ fn surface_frame_below(
     if height_mm > MAX_CONTACT_HEIGHT_MM { None } else { TangentFrame::compute(surface, at) }
 }
 
-/// Calculates the contact at a frame; parts of the disc beyond the panel bear no force.
+/// Calculates the contact at a tangent frame; parts of the disc beyond the panel bear no force.
 fn contact(
     frame: &TangentFrame,
     seat: ContactGeometry,
@@ -157,12 +157,12 @@ pub struct TangentFrame {
     normal: Vector3<f64>,
     /// The curvature K in the axes of the tangent plane, 1/mm.
     pub curvature_per_mm: Matrix2<f64>,
-    // Maps an offset in the plane, mm, to an offset of the parameters.
+    // Maps an offset in the tangent plane, mm, to an offset of the parameters.
     parameter_per_mm: Matrix2<f64>,
 }
 
 impl TangentFrame {
-    /// Returns the frame at these parameters; `None` if the surface has no normal.
+    /// Returns the tangent frame at these parameters; `None` if the surface has no normal.
     pub fn compute(surface: &BSplineSurface, at: Parameter) -> Option<Self> {
         let there = surface.derivatives(at);
         let normal = surface.unit_normal(&there.tangents)?.mm;
@@ -171,7 +171,7 @@ impl TangentFrame {
         let [l, m, n] = [there.s_uu, there.s_uv, there.s_vv].map(|second| -second.mm.dot(&normal));
         let (area2, slant) = (e * g - f * f, f / e);
         let x = s_u / e.sqrt();
-        // The y axis points to the side of S_v, whether (u, v) is right-handed or left-handed.
+        // The y axis points to the side of S_v for right-handed and left-handed (u, v).
         let y = (s_v - s_u * slant) / (area2 / e).sqrt();
         let across = (m - slant * l) / area2.sqrt();
         let curvature_per_mm =
@@ -181,7 +181,7 @@ impl TangentFrame {
         Some(TangentFrame { at, point: there.tangents.point, x, y, normal, curvature_per_mm, parameter_per_mm })
     }
 
-    /// Returns the coordinates of a point in the tangent plane, mm from the frame's point.
+    /// Returns the offset of a point from the frame's origin, in the tangent plane, mm.
     pub fn offset_mm(&self, point: Point<Panel>) -> Vector2<f64> {
         let away = (point - self.point).mm;
         Vector2::new(away.dot(&self.x), away.dot(&self.y))
@@ -193,13 +193,14 @@ impl TangentFrame {
         Parameter { u: self.at.u + step.x, v: self.at.v + step.y }
     }
 
-    /// Returns the reach of a circle of this radius, mm, around the point, along u and v.
+    /// Returns the extent along u and v, in units of the parameters, of a circle of this radius, mm, around the frame's
+    /// origin.
     pub fn reach(&self, radius_mm: f64) -> [f64; 2] {
         [0, 1].map(|row| radius_mm * self.parameter_per_mm.row(row).norm())
     }
 
-    /// Returns the tilt of a tool: the additional depth of its disc per mm along x and y; `None` if the tool does not
-    /// lie on the surface at all. The tool's Z points out of its pad.
+    /// Returns the tilt of a tool: the additional depth of its disc per mm along x and y. `None` if the tilt is too
+    /// large for a tool that lies on the surface. The tool's Z axis points out of its pad.
     pub fn tilt(&self, panel_from_tool: &Rigid<Panel, Tool>) -> Option<Vector2<f64>> {
         let away = -(*panel_from_tool * Vector::<Tool>::new(Vector3::z())).mm;
         let cosine = away.dot(&self.normal);
@@ -222,7 +223,7 @@ pub(super) mod tests {
         swept_mm2: 0.0,
     };
 
-    /// Returns a level square with sides of this length, mm.
+    /// Returns a plane square surface with sides of this length, mm.
     pub(in crate::removal) fn level(side_mm: f64) -> BSplineSurface {
         let knots = || KnotVector::uniform(1, 1, 0.0..=1.0).expect("knots");
         let corner = |(x, y): (f64, f64)| Point::at(x * side_mm, y * side_mm, 0.0);
@@ -236,8 +237,8 @@ pub(super) mod tests {
         ExecutedPose { panel_from_tool: tool.to_rigid(), seconds, contact: true, force_n: None }
     }
 
-    /// Calculated by hand: 60 mm in 1 s are 8 segments of 7.5 mm; a grain rubs over 2618.3 mm during this time; the
-    /// disc of 30 mm sweeps 1800 mm².
+    /// Expected values, calculated by hand: 60 mm in 1 s are 8 segments of 7.5 mm; a grain rubs over 2618.3 mm during
+    /// this time; the disc of 30 mm sweeps 1800 mm².
     #[test]
     fn a_line_is_cut_into_stretches() {
         let line = [pose([20.0, 50.0, 0.0], 0.0), pose([80.0, 50.0, 0.0], 1.0)];
@@ -274,7 +275,7 @@ pub(super) mod tests {
         );
     }
 
-    /// Makes a surface with control points at the Greville abscissae: x = 100 u + lean · 60 v, y = 60 v, and these
+    /// Returns a surface with control points at the Greville abscissae: x = 100 u + lean · 60 v, y = 60 v, and these
     /// heights.
     fn net(lean: f64, heights_mm: &[f64]) -> BSplineSurface {
         let knots = || KnotVector::uniform(3, 3, 0.0..=1.0).expect("open");
@@ -287,8 +288,8 @@ pub(super) mod tests {
             .expect("a surface")
     }
 
-    /// By hand: a tool with its Z down on a level plane has no tilt; tilted by 2° about Y, its X axis descends or rises
-    /// by tan 2° = 0.034 92 per mm.
+    /// Expected values, calculated by hand: a tool with its Z axis down on a horizontal plane has no tilt; tilted by
+    /// ±2° about Y, its disc is lower or higher along X by tan 2° = 0.034 92 per mm.
     #[test]
     fn a_tilted_tool_is_deeper_on_one_side() {
         let frame = TangentFrame::compute(&net(0.0, &[0.0; 36]), Parameter { u: 0.5, v: 0.5 }).expect("a normal");
@@ -301,8 +302,8 @@ pub(super) mod tests {
     }
 
     proptest! {
-        /// The eigenvalues are the principal curvatures for any slant of the parameter lines, and an offset converts
-        /// back to the same parameters.
+        /// The eigenvalues are the principal curvatures for any slant of the parameter lines, and an offset is
+        /// converted back to the same parameters.
         #[test]
         fn curvature_and_offsets_agree_with_the_surface(
             heights in prop::collection::vec(-4.0..4.0f64, 36), lean in -0.8..0.8f64, u in 0.2..0.8f64, v in 0.2..0.8f64,

@@ -2,10 +2,10 @@
 //!
 //!     S(u, v) = Σᵢ Σⱼ N_{i,k}(u) N_{j,l}(v) p_{ij}                                                          (4.12)
 //! with degrees k and l; S_u has N'_{i,k} in place of N_{i,k} (4.14, 4.15), and so on. The normal is
-//!     N = ± S_u × S_v / |S_u × S_v|,                                                                        (4.13)
-//! The sign is chosen once, so that the normal points to the side that the camera saw. The thesis's form depends on the
-//! handedness of (u, v); with a wrong sign the tool's Z and the retract would be reversed. Points are in the panel's
-//! frame, mm.
+//!     N = ± S_u × S_v / |S_u × S_v|.                                                                        (4.13)
+//! The sign is chosen once, so that the normal points to the side of the camera. The thesis's form depends on the
+//! handedness of (u, v); with a wrong sign the tool's Z axis and the retraction would be reversed. Points are in the
+//! panel's frame, mm.
 //!
 //! For fast evaluation the surface is stored as one polynomial for each pair of spans. With N_r(t) = Σ_k c_rk t^k on a
 //! span (`basis`), Eq. 4.12 becomes S = Σ_kl a_kl s^k t^l, a_kl = Σ_ij c_ik c_jl p_ij: two Horner schemes without a
@@ -17,7 +17,7 @@ use panelprep_base::geometry::basis::{Basis, KnotVector, SpanFunctions};
 use panelprep_base::geometry::{Panel, Point, Vector};
 use std::ops::RangeInclusive;
 
-/// Sine of the angle between S_u and S_v below which no normal is defined.
+/// Minimum sine of the angle between S_u and S_v at which a normal is defined.
 const MIN_TANGENT_SINE: f64 = 1e-6;
 
 /// Number of coefficients of a span's polynomial along one parameter.
@@ -44,7 +44,7 @@ pub struct PointTangents {
 }
 
 impl PointTangents {
-    /// Returns |S_u × S_v|, the surface area for a unit of u and v, mm².
+    /// Returns |S_u × S_v|: the surface area per unit of u and v, mm².
     pub fn area_mm2(&self) -> f64 {
         self.s_u.mm.cross(&self.s_v.mm).norm()
     }
@@ -71,33 +71,34 @@ pub enum SurfaceError {
     ControlCount {
         /// Control points found.
         found: usize,
-        /// Number of control points that the knots need.
+        /// Number of control points that the knots require.
         needed: usize,
     },
-    /// The side that the camera saw cannot be determined.
+    /// The direction of the normal cannot be determined from the camera's position.
     #[error("the surface has no normal in its middle, or the camera's view is parallel to it")]
     NoSide,
 }
 
-/// A B-spline surface; immutable.
+/// An immutable B-spline surface.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BSplineSurface {
     knots_u: KnotVector,
     knots_v: KnotVector,
-    // p_{ij} at i · (controls along v) + j
+    // The control point p_{ij} at index i · (controls along v) + j.
     controls: Vec<Point<Panel>>,
-    // +1 or −1: the sign of Eq. 4.13
+    // The sign of Eq. 4.13: +1 or −1.
     side: f64,
-    // The same surface as polynomials; `None` above degree 3
+    // The same surface as polynomials; `None` above degree 3.
     spans: Option<SpanSurface>,
 }
 
 impl BSplineSurface {
-    /// Creates a surface from the knots along u and v and from its control net, v running fastest. `viewer` is the
-    /// camera's position: normals point to its side.
+    /// Creates a surface from the knots along u and v and from its control net; v is the fastest index. `viewer` is the
+    /// camera's position, towards which the normals point.
     ///
     /// # Errors
-    /// If the numbers of knots and control points do not agree, or the viewer sees the surface edge-on.
+    /// If the number of control points does not agree with the knots, or if the camera's view is parallel to the
+    /// surface.
     pub fn new(
         [knots_u, knots_v]: [KnotVector; 2],
         controls: Vec<Point<Panel>>,
@@ -117,8 +118,9 @@ impl BSplineSurface {
         Ok(surface)
     }
 
-    /// Returns the number of points, among 5 × 5, at which the normal without a sign faces the viewer, minus the number
-    /// of those at which it faces away. Several points are used because a single one could lie in a fold.
+    /// Takes the normal as computed, before its direction is chosen. Returns the number of points, among 5 × 5, at
+    /// which the normal points to the viewer, minus the number of points at which it points away. Several points are
+    /// used because a single point could lie in a fold.
     fn faces(&self, viewer: Point<Panel>) -> f64 {
         let place = |knots: &KnotVector, step: i32| {
             let (start, end) = (*knots.domain().start(), *knots.domain().end());
@@ -139,18 +141,18 @@ impl BSplineSurface {
         &self.knots_v
     }
 
-    /// Returns the control points, v running fastest.
+    /// Returns the control points; v is the fastest index.
     pub fn controls(&self) -> &[Point<Panel>] {
         &self.controls
     }
 
-    /// Returns the ranges of u and v for which the surface was made; beyond them the polynomials of the border spans
+    /// Returns the ranges of u and v over which the surface is defined. Outside, the polynomials of the border spans
     /// continue.
     pub fn domain(&self) -> [RangeInclusive<f64>; 2] {
         [self.knots_u.domain(), self.knots_v.domain()]
     }
 
-    /// Returns S(u, v), Eq. 4.12.
+    /// Returns the point S(u, v), Eq. 4.12.
     pub fn point(&self, at: Parameter) -> Point<Panel> {
         match &self.spans {
             Some(spans) => spans.point(self.span_indices(at), at),
@@ -158,7 +160,7 @@ impl BSplineSurface {
         }
     }
 
-    /// Returns S, S_u and S_v, Eq. 4.12 and 4.14.
+    /// Returns the point S with S_u and S_v, Eq. 4.12 and 4.14.
     pub fn tangents(&self, at: Parameter) -> PointTangents {
         match &self.spans {
             Some(spans) => spans.tangents(self.span_indices(at), at),
@@ -166,7 +168,7 @@ impl BSplineSurface {
         }
     }
 
-    /// S with its first and second derivatives.
+    /// Returns the point S with its first and second derivatives.
     pub fn derivatives(&self, at: Parameter) -> Derivatives {
         match &self.spans {
             Some(spans) => spans.derivatives(self.span_indices(at), at),
@@ -174,7 +176,7 @@ impl BSplineSurface {
         }
     }
 
-    /// Returns S with its first and second derivatives at many parameters, in the same order.
+    /// Returns the points and their first and second derivatives at many parameters, in the same order.
     pub fn derivatives_at_many(&self, places: &[Parameter]) -> Vec<Derivatives> {
         places.iter().map(|at| self.derivatives(*at)).collect()
     }
@@ -183,7 +185,7 @@ impl BSplineSurface {
         [self.knots_u.span(at.u), self.knots_v.span(at.v)]
     }
 
-    // Evaluates the surface by its basis functions: for degrees without precomputed polynomials.
+    // Evaluates the surface with its basis functions, for degrees without precomputed polynomials.
     fn evaluate_derivatives(&self, at: Parameter) -> Derivatives {
         let (u, v): (Basis, Basis) =
             (self.knots_u.with_second_derivatives(at.u), self.knots_v.with_second_derivatives(at.v));
@@ -215,7 +217,7 @@ impl BSplineSurface {
     }
 
     /// Returns the principal curvatures, 1/mm, the larger one first; positive if the surface bends away from the
-    /// camera, as a ball seen from outside. `None` if there is no normal.
+    /// camera, like a ball seen from outside. `None` if there is no normal.
     pub fn principal_curvatures(&self, there: &Derivatives) -> Option<[f64; 2]> {
         let normal = self.unit_normal(&there.tangents)?.mm;
         let (s_u, s_v) = (there.tangents.s_u.mm, there.tangents.s_v.mm);
@@ -228,12 +230,12 @@ impl BSplineSurface {
         Some([mean + half_gap, mean - half_gap])
     }
 
-    /// Returns the unit normal, towards the side that the camera saw; `None` if S_u and S_v are parallel.
+    /// Returns the unit normal that points to the camera's side; `None` if S_u and S_v are parallel.
     pub fn normal(&self, at: Parameter) -> Option<Vector<Panel>> {
         self.unit_normal(&self.tangents(at))
     }
 
-    /// Returns the unit normal that belongs to tangents of this surface.
+    /// Returns the unit normal for these tangents of the surface.
     pub fn unit_normal(&self, tangents: &PointTangents) -> Option<Vector<Panel>> {
         let cross = tangents.s_u.mm.cross(&tangents.s_v.mm); // Eq. 4.13
         let length = cross.norm();
@@ -248,13 +250,13 @@ impl BSplineSurface {
     }
 }
 
-/// x, y, z, 0.
+/// The components x, y, z, 0 of a vector.
 type VectorLanes = [f64; 4];
 
 #[derive(Debug, Clone, PartialEq)]
 struct SpanSurface {
     axes: [Vec<Span>; 2],
-    // a_kl of span (i, j) at i · (spans along v) + j
+    // The coefficients a_kl of span (i, j) at index i · (spans along v) + j.
     cells: Vec<[[VectorLanes; SIDE]; SIDE]>,
 }
 
@@ -390,7 +392,7 @@ mod tests {
 
     fn net(heights_mm: impl Fn(usize, usize) -> f64) -> BSplineSurface {
         let knots = || KnotVector::uniform(3, 3, 0.0..=1.0).expect("open");
-        // Control points over the Greville abscissae 0, 1/9, 3/9, 6/9, 8/9, 1 make x = 100 u and y = 60 v exact.
+        // Control points over the Greville abscissae 0, 1/9, 3/9, 6/9, 8/9, 1 give exactly x = 100 u and y = 60 v.
         let greville = [0.0, 1.0, 3.0, 6.0, 8.0, 9.0].map(|ninths: f64| ninths / 9.0);
         let control =
             |n: usize| Point::at(100.0 * greville[n / 6], 60.0 * greville[n % 6], heights_mm(n / 6, n % 6));
@@ -398,8 +400,8 @@ mod tests {
             .expect("a surface")
     }
 
-    /// Calculated by hand: over Greville abscissae a linear net is the plane itself; S_u = (100, 0, 0), S_v = (0,
-    /// 60, 0).
+    /// Expected values, calculated by hand: over Greville abscissae a linear net gives the plane itself; S_u = (100, 0,
+    /// 0), S_v = (0, 60, 0).
     #[test]
     fn a_linear_net_is_a_plane_up_to_its_corners() {
         let plane = net(|_, _| 7.0);
@@ -436,8 +438,8 @@ mod tests {
         assert_eq!(point, Err(SurfaceError::NoSide));
     }
 
-    /// Calculated by hand: over Greville abscissae the spline of z = −x²/2R agrees with it to second order in the
-    /// middle of x. A cylinder of radius 500 mm that bulges towards the camera has curvatures 1/500 and 0.
+    /// Expected values, calculated by hand: over Greville abscissae the spline of z = −x²/2R agrees with it to second
+    /// order in the middle of x. A cylinder of radius 500 mm that bulges towards the camera has curvatures 1/500 and 0.
     #[test]
     fn a_bulge_has_positive_curvature() {
         // The control values of x², from its blossom at the knots of each control point: the mean of the products of
@@ -450,8 +452,8 @@ mod tests {
         assert!((largest - 1.0 / 500.0).abs() < 1e-9 && least.abs() < 1e-12, "{largest} {least}");
     }
 
-    /// Calculated by hand: a net that is linear in u and v makes z = 9 u v. With three spans along u and two along
-    /// v, S_u = (100, 0, 9 v), S_v = (0, 60, 9 u) and S_uv = (0, 0, 9) at every point.
+    /// Expected values, calculated by hand: a net that is linear in u and v gives z = 9 u v. With three spans along u
+    /// and two along v, S_u = (100, 0, 9 v), S_v = (0, 60, 9 u) and S_uv = (0, 0, 9) at every point.
     #[test]
     fn a_twisted_net_has_the_same_derivatives_with_any_spans() {
         let knots = [3, 2].map(|spans| KnotVector::uniform(3, spans, 0.0..=1.0).expect("open"));
@@ -500,7 +502,7 @@ mod tests {
             prop_assert!((slope(coords(&north), coords(&south)) - here.tangents.s_v.mm).norm() < 1e-4);
             let s_u = |d: &Derivatives| d.tangents.s_u.mm;
             let s_v = |d: &Derivatives| d.tangents.s_v.mm;
-            // A third derivative of a few 1e4 mm times the step bounds the error across a knot.
+            // The tolerance across a knot is a third derivative of a few 1e4 mm times the step.
             prop_assert!((slope(s_u(&east), s_u(&west)) - here.s_uu.mm).norm() < 0.1);
             prop_assert!((slope(s_u(&north), s_u(&south)) - here.s_uv.mm).norm() < 0.1);
             prop_assert!((slope(s_v(&north), s_v(&south)) - here.s_vv.mm).norm() < 0.1);

@@ -1,12 +1,12 @@
-//! Computes the disc's effect on the surface: for each square millimetre, the time under the disc and the number of
-//! passes, and the uniformity of these times.
+//! Computes the effect of the disc on the surface: for each square millimetre, the dwell time and the number of passes,
+//! and the uniformity of the dwell times.
 //!
-//! Every grid is sampled about 1 mm apart. A path is divided into steps of 1 mm. Each step adds its time to the samples
-//! within the disc's radius. If a sample's last step was not the preceding one, another pass begins there. The path
-//! consists of poses, planned or as the robot reported them, so the executed path is judged in the same way. A pose
-//! meant to be in contact is in contact if its point lies no higher than a millimetre above the surface. The disc is
-//! assumed to be wholly in contact: a compliant pad. The uniformity is stated by the 5 % and 95 % quantiles of the
-//! times over the treated area.
+//! Every grid has sample points about 1 mm apart, and a path is divided into steps of 1 mm. Each step adds its time to
+//! the sample points within the disc's radius. If the previous step did not reach a sample point, another pass begins
+//! at this point. The path consists of poses, planned or as the robot reported them, so the executed path is evaluated
+//! in the same way. A pose that should be in contact is in contact if its point is not more than a millimetre above the
+//! surface. The pad is compliant, so the whole disc is assumed to be in contact. The uniformity is stated by the 5 %
+//! and 95 % quantiles of the dwell times over the treated area.
 
 use super::bspline::{BSplineSurface, Parameter};
 use super::patch::{ParameterPatch, SampleGrid, Treated, sides_mm};
@@ -14,83 +14,83 @@ use panelprep_base::geometry::{Panel, Point, Rigid, Tool};
 use panelprep_cell::panel::{GridId, Region};
 use rayon::prelude::*;
 
-/// Distance between samples, and between steps along a path, mm.
+/// Distance between sample points, and between steps along a path, mm.
 const SAMPLE_MM: f64 = 1.0;
-/// Largest height of the tool's point above the surface at which the disc still touches the surface, mm.
+/// Maximum height of the tool's point above the surface at which the disc still touches the surface, mm.
 pub const MAX_CONTACT_HEIGHT_MM: f64 = 1.0;
-/// Largest number of steps of the search for the surface point below a given point.
+/// Maximum number of iterations in the search for the surface point below a given point.
 const MAX_FOOT_STEPS: usize = 12;
-/// Accuracy at which the search for the surface point ends, mm.
+/// Step length at which the search for the surface point ends, mm.
 const FOOT_TOLERANCE_MM: f64 = 1e-4;
 
-/// Fractions of the treated area for the quantiles of the times.
+/// Fractions of the treated area for the quantiles of the dwell times.
 const SHARES: [f64; 2] = [0.05, 0.95];
 
-/// A pose of a path that was or will be executed.
+/// A pose of a path that was executed or is planned.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ExecutedPose {
     /// The tool.
     pub panel_from_tool: Rigid<Panel, Tool>,
     /// Time since the previous pose, s.
     pub seconds: f64,
-    /// Whether the tool was meant to be in contact and running on the way to this pose.
+    /// Whether the tool should be in contact and running on the motion to this pose.
     pub contact: bool,
-    /// The contact force that a compliant tool measured at this pose, N. A pose between two reports has the force
-    /// of the later report.
+    /// The contact force that a compliant tool measured at this pose, N. A pose between two reports has the force of
+    /// the later report.
     pub force_n: Option<f64>,
 }
 
-/// The times under the disc on one grid, at each sample.
+/// The dwell times on one grid, for each sample point.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GridDwell {
     /// The grid.
     pub id: GridId,
     /// Samples along u.
     pub columns: usize,
-    /// Time under the disc at each sample, s, row by row.
+    /// Dwell time at each sample point, s, row by row.
     pub dwell_s: Vec<f32>,
-    /// Number of passes of the disc at each sample.
+    /// Number of passes of the disc at each sample point.
     pub passes: Vec<u16>,
-    /// Surface area of each sample, mm²; 0 if it is not to be treated.
+    /// Surface area of each sample point, mm²; 0 outside of the treated area.
     pub area_mm2: Vec<f32>,
 }
 
 impl Dwell {
-    /// Returns one of the evaluated grids.
+    /// Returns an evaluated grid.
     pub fn grid(&self, id: GridId) -> Option<&GridDwell> {
         self.grids.iter().find(|grid| grid.id == id)
     }
 }
 
 impl GridDwell {
-    /// Returns the share of the grid that was under the disc, 0…1.
+    /// Returns the fraction of the treated area of the grid that the disc reached, 0…1.
     pub fn share(&self) -> f64 {
         self.area_share(|passes| passes > 0)
     }
 
-    /// Returns the uniformity of the time under the disc; `None` if the disc reached nothing.
+    /// Returns the uniformity of the dwell time; `None` if the disc reached no sample point.
     pub fn spread(&self) -> Option<DwellSpread> {
         DwellSpread::from_times(self.times())
     }
 
-    /// Returns the time under the disc, s, and the area, mm², of each sample that is to be treated.
+    /// Returns the dwell time, s, and the area, mm², of each sample point in the treated area.
     fn times(&self) -> impl Iterator<Item = (f64, f64)> + '_ {
         let times = self.dwell_s.iter().zip(&self.area_mm2);
         let treated = times.filter(|(_, area)| **area > 0.0);
         treated.map(|(dwell_s, area)| (f64::from(*dwell_s), f64::from(*area)))
     }
 
-    /// Returns the share of the grid over which the disc passed more than once, 0…1.
+    /// Returns the fraction of the treated area over which the disc passed more than once, 0…1.
     pub fn overlap(&self) -> f64 {
         self.area_share(|passes| passes > 1)
     }
 
-    /// Returns the area that the disc did not reach, mm².
+    /// Returns the treated area that the disc did not reach, mm².
     pub fn untreated_mm2(&self) -> f64 {
         self.area_where_mm2(|passes| passes == 0)
     }
 
-    /// Returns the mean time under the disc of the area that the disc reached, s.
+    /// Returns the mean dwell time of the area that the disc reached, s.
     pub fn mean_dwell_s(&self) -> f64 {
         let reached = self.times().filter(|(dwell_s, _)| *dwell_s > 0.0);
         let (sum, count) = reached.fold((0.0, 0_usize), |(sum, count), (dwell_s, _)| (sum + dwell_s, count + 1));
@@ -107,12 +107,12 @@ impl GridDwell {
 
     fn area_where_mm2(&self, counts: impl Fn(u16) -> bool) -> f64 {
         let counted = self.passes.iter().zip(&self.area_mm2).filter(|(passes, _)| counts(**passes));
-        // The sum starts at 0 explicitly, since an empty sum of floats is −0.
+        // The sum starts at 0 explicitly, because an empty sum of floats is −0.
         counted.fold(0.0, |sum, (_, area)| sum + f64::from(*area))
     }
 }
 
-/// The times under the disc of all evaluated grids.
+/// The dwell times on all evaluated grids.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Dwell {
     /// Grid by grid.
@@ -120,7 +120,7 @@ pub struct Dwell {
     sides_mm: [f64; 2],
 }
 
-/// One step of the disc.
+/// One step of the disc along the path.
 struct Step {
     at: Parameter,
     point: Point<Panel>,
@@ -129,7 +129,7 @@ struct Step {
     seconds: f64,
 }
 
-/// Computes the times under the disc of these grids for a path.
+/// Computes the dwell times of a path on these grids.
 pub fn simulate(
     surface: &BSplineSurface,
     region: &Region,
@@ -140,8 +140,8 @@ pub fn simulate(
     simulate_treated(surface, region, &Treated::from_grids(grids), executed, radius_mm)
 }
 
-/// Computes the times under the disc of these places for a path. Shares, untreated areas and spreads apply to the
-/// places; times and passes apply to the whole grids in which they lie.
+/// Computes the dwell times of a path on these areas. Covered fractions, untreated areas and spreads apply to the
+/// areas; times and passes are computed for the whole grids in which the areas lie.
 pub fn simulate_treated(
     surface: &BSplineSurface,
     region: &Region,
@@ -158,7 +158,7 @@ pub fn simulate_treated(
     Dwell { grids: known.par_iter().map(of_grid).collect(), sides_mm: sides_mm(surface) }
 }
 
-/// Returns the path in contact, step by step, each projected to the surface.
+/// Returns the steps of the path in contact, each projected onto the surface.
 fn steps(surface: &BSplineSurface, executed: &[ExecutedPose], radius_mm: f64) -> Vec<Step> {
     let mut steps = Vec::new();
     let mut guess = Parameter { u: 0.5, v: 0.5 };
@@ -174,10 +174,10 @@ fn steps(surface: &BSplineSurface, executed: &[ExecutedPose], radius_mm: f64) ->
             if off.is_none_or(|height_mm| height_mm > MAX_CONTACT_HEIGHT_MM) {
                 continue;
             }
-            // Each end counts as half a step.
+            // The first and the last step have half of the time.
             let share = if step == 0 || step == count { 0.5 } else { 1.0 } / count as f64;
             // With slanted parameter lines the disc extends over more than its radius: the height of a rhombus is its
-            // side times the sine.
+            // side times the sine of its angle.
             let lengths = [tangents.s_u.mm.norm(), tangents.s_v.mm.norm()];
             let sine = tangents.area_mm2() / (lengths[0] * lengths[1]);
             let reach = lengths.map(|per_unit| 1.1 * radius_mm / (per_unit * sine));
@@ -187,8 +187,8 @@ fn steps(surface: &BSplineSurface, executed: &[ExecutedPose], radius_mm: f64) ->
     steps
 }
 
-/// Returns the parameters of the surface point below or above a point, by the Gauss–Newton method; `None` if there is
-/// none nearby.
+/// Returns the parameters of the surface point below or above a point, by the Gauss–Newton method; `None` if no surface
+/// point is near.
 pub fn surface_foot(surface: &BSplineSurface, guess: Parameter, point: Point<Panel>) -> Option<Parameter> {
     let mut at = guess;
     for _ in 0..MAX_FOOT_STEPS {
@@ -201,7 +201,7 @@ pub fn surface_foot(surface: &BSplineSurface, guess: Parameter, point: Point<Pan
         if !(du.is_finite() && dv.is_finite()) {
             return None;
         }
-        // Far beyond the domain the border polynomials can have any value, so the parameters are limited.
+        // The parameters are limited, because far outside of the domain the border polynomials can have any value.
         at = Parameter { u: (at.u + du).clamp(-0.2, 1.2), v: (at.v + dv).clamp(-0.2, 1.2) };
         if (s_u * du + s_v * dv).norm() < FOOT_TOLERANCE_MM {
             return Some(at);
@@ -248,12 +248,12 @@ fn grid_dwell(
 }
 
 impl Dwell {
-    /// Returns the area of all grids that was under the disc, mm².
+    /// Returns the area of all grids that the disc reached, mm².
     pub fn under_disc_mm2(&self) -> f64 {
         self.grids.iter().fold(0.0, |sum, grid| sum + grid.area_where_mm2(|passes| passes > 0))
     }
 
-    /// Returns the covered share of all grids, 0…1.
+    /// Returns the covered fraction of all grids together, 0…1.
     pub fn share(&self) -> f64 {
         let (covered, all) = self.grids.iter().fold((0.0, 0.0), |(covered, all), grid| {
             (covered + grid.area_where_mm2(|passes| passes > 0), all + grid.area())
@@ -261,58 +261,58 @@ impl Dwell {
         covered / all
     }
 
-    /// Returns the uniformity of the time under the disc over all grids; `None` if the disc reached nothing.
+    /// Returns the uniformity of the dwell time over all grids; `None` if the disc reached no sample point.
     pub fn spread(&self) -> Option<DwellSpread> {
         DwellSpread::from_times(self.grids.iter().flat_map(GridDwell::times))
     }
 
-    /// Returns the longest time that any place was under the disc, s.
+    /// Returns the longest dwell time of a sample point, s.
     pub fn longest_s(&self) -> f64 {
         self.grids.iter().flat_map(|grid| &grid.dwell_s).fold(0.0, |most, dwell| f64::max(most, f64::from(*dwell)))
     }
 
-    /// Returns the length of the region along u and along v, through its middle, mm.
+    /// Returns the lengths of the region along u and along v, through its middle, mm.
     pub fn sides_mm(&self) -> [f64; 2] {
         self.sides_mm
     }
 }
 
-/// Numbers in ascending order, each with the area to which it applies.
+/// Values in ascending order, each with the area to which it applies.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AreaWeighted(Vec<(f64, f64)>);
 
 impl AreaWeighted {
-    /// Sorts numbers with their areas.
+    /// Sorts values with their areas.
     pub fn from_values(numbers: impl Iterator<Item = (f64, f64)>) -> Self {
         let mut sorted: Vec<(f64, f64)> = numbers.collect();
         sorted.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
         AreaWeighted(sorted)
     }
 
-    /// Returns the quantile of the numbers for this share of the area; `None` if there is no number.
+    /// Returns the quantile of the values for this fraction of the area; `None` without values.
     pub fn quantile_by_area(&self, share: f64) -> Option<f64> {
         let mut left = share * self.0.iter().map(|(_, area)| area).sum::<f64>();
         let found = self.0.iter().find(|(_, area)| {
             left -= area;
             left <= 0.0
         });
-        // If rounding leaves a remainder of the area, the largest number is returned.
+        // If rounding leaves a remainder of the area, the largest value is returned.
         found.or(self.0.last()).map(|(number, _)| *number)
     }
 }
 
-/// The 5 % and 95 % quantiles of the time under the disc over the treated area. The treated area is the area that the
-/// disc reaches; the coverage reports the remaining area.
+/// The 5 % and 95 % quantiles of the dwell time over the area that the disc reaches. The remaining area is reported by
+/// the coverage.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DwellSpread {
-    /// The 5 % quantile of the time under the disc, s.
+    /// The 5 % quantile of the dwell time, s.
     pub low_s: f64,
-    /// The 95 % quantile of the time under the disc, s.
+    /// The 95 % quantile of the dwell time, s.
     pub high_s: f64,
 }
 
 impl DwellSpread {
-    /// Computes the quantiles from times in s, each with its area; `None` if nothing was under the disc.
+    /// Computes the quantiles from times in s, each with its area; `None` if the disc reached no sample point.
     pub fn from_times(times: impl Iterator<Item = (f64, f64)>) -> Option<Self> {
         let treated = AreaWeighted::from_values(times.filter(|(time_s, _)| *time_s > 0.0));
         let [low_s, high_s] = SHARES.map(|share| treated.quantile_by_area(share));
@@ -329,8 +329,9 @@ impl DwellSpread {
 mod tests {
     use super::*;
 
-    /// Calculated by hand: of 100 points of 1 mm² with 0.01 to 1.00 s the fifth has 0.05 s and the 95th 0.95 s. A
-    /// point that the disc did not reach is not treated, and a point of twice the area counts twice.
+    /// Expected values, calculated by hand: of 100 points of 1 mm² with 0.01 to 1.00 s the fifth has 0.05 s and the
+    /// 95th 0.95 s. A point that the disc did not reach is excluded, and a point of twice the area has twice the
+    /// weight.
     #[test]
     fn five_and_ninety_five_percent_of_the_area() {
         let even = |n: usize| (n as f64 / 100.0, 1.0);

@@ -2,8 +2,8 @@
 //!
 //! With weights w_q and basis functions N_n = N_i(u) N_j(v) of the control points c_n,
 //!     (A + λ P) c = b,   A_nm = Σ_q w_q N_n N_m,   b_n = Σ_q w_q N_n P_q,                              (1)
-//! P the sum of squared second differences of neighbouring control points over their Greville abscissae, along u and
-//! along v: zero for a flat net. λ is the value with the smallest unbiased estimate of the risk for noise σ,
+//! with P the sum of squared second differences of adjacent control points over their Greville abscissae, along u and
+//! along v: zero for a plane net. λ is the value with the smallest unbiased estimate of the risk for noise σ,
 //!     R(λ) = Σ_q w_q |S(u_q, v_q) − P_q|² + 2 σ² tr (A + λ P)⁻¹ A,                                      (2)
 //! searched in decades. The noise acts only along the rays; therefore the trace counts once for the three coordinates.
 //! Source of (2): Craven & Wahba, Numer. Math. 31, 1979, for a known σ.
@@ -26,22 +26,22 @@ const SIDE: usize = DEGREE + 1;
 const LOCAL: usize = SIDE * SIDE;
 /// Number of pairs of basis functions of one span along one parameter, (0, 0), (1, 0), (1, 1), (2, 0) …
 const PAIRS: usize = SIDE * (SIDE + 1) / 2;
-/// Range of the decades of λ, relative to the mean diagonal elements of A and P. Even the smallest value determines the
-/// control points that no point of the scan influences.
+/// Range of the decades of λ, relative to the mean diagonal elements of A and P. Also with the smallest value, control
+/// points that are not influenced by any scan point are determined.
 const DECADES: std::ops::RangeInclusive<i32> = -8..=2;
-/// Smallest pivot as a share of its diagonal element; below this, the pivot is a rounding error and the matrix is
+/// Minimum pivot as a fraction of its diagonal element; a smaller pivot is a rounding error, and the matrix is
 /// singular.
 const MIN_PIVOT_SHARE: f64 = 1e-12;
 
-/// The contribution of one pair of spans. With N_n = N_a(u) N_b(v), the sums of N_n N_m are the sums of the
-/// products of a pair along u with a pair along v.
+/// The contribution of one pair of spans to the equations. With N_n = N_a(u) N_b(v), the sums of N_n N_m are the sums
+/// of the products of a pair along u with a pair along v.
 struct Block {
     pairs: [[f64; PAIRS]; PAIRS],
     rhs: [Vector3<f64>; LOCAL],
     square: f64,
 }
 
-/// A, b and Σ w |P|², points measured from `centre`.
+/// A, b and Σ w |P|² of Eq. 1; points are measured from `centre`.
 pub(super) struct SurfaceEquations {
     matrix: BandMatrix,
     rhs: Vec<Vector3<f64>>,
@@ -50,7 +50,7 @@ pub(super) struct SurfaceEquations {
     roughness: BandMatrix,
 }
 
-/// The control points, and the smoothing with which they were computed.
+/// The computed control points, and their smoothing.
 pub(super) struct Solution {
     pub controls: Vec<Vector3<f64>>,
     /// λ, relative.
@@ -97,17 +97,18 @@ impl SurfaceEquations {
         equations
     }
 
-    /// Returns the solution with the smallest smoothing; on failure, the row that is not determined.
+    /// Returns the solution with the smallest smoothing. On failure, returns the row that is not determined.
     pub fn solve_plain(&self) -> Result<Solution, usize> {
         Ok(self.solve(*DECADES.start(), 0.0)?.0)
     }
 
-    /// Returns the solution with the smoothing that noise of `noise_mm` requires.
+    /// Returns the solution with the smoothing that noise of `noise_mm` requires. On failure, returns the row that is
+    /// not determined.
     pub fn solve_smoothed(&self, noise_mm: f64) -> Result<Solution, usize> {
         let mut best = self.solve(*DECADES.start(), noise_mm)?;
         for decade in DECADES.skip(1) {
             let next = self.solve(decade, noise_mm)?;
-            // The risk has only one minimum.
+            // The risk has only one minimum, so the search ends when it increases.
             if next.1 > best.1 {
                 break;
             }
@@ -155,14 +156,14 @@ impl Block {
         }
     }
 
-    /// Σ w N_n N_m.
+    /// Returns the sum Σ w N_n N_m.
     fn basis_products(&self, n: usize, m: usize) -> f64 {
         let pair = |a: usize, b: usize| a.max(b) * (a.max(b) + 1) / 2 + a.min(b);
         self.pairs[pair(n / SIDE, m / SIDE)][pair(n % SIDE, m % SIDE)]
     }
 }
 
-/// Returns the coefficients by powers: [k][r] is that of t^k in N_r.
+/// Returns the coefficients ordered by powers: element [k][r] is the coefficient of t^k in N_r.
 fn columns(functions: &SpanFunctions) -> [[f64; SIDE]; SIDE] {
     std::array::from_fn(|k| std::array::from_fn(|r| functions.coefficients[r][k]))
 }
@@ -185,7 +186,7 @@ fn basis_pairs(values: &[f64; SIDE]) -> [f64; PAIRS] {
     pairs
 }
 
-/// P of Eq. 1.
+/// Returns the matrix P of Eq. 1.
 fn roughness_matrix(knots: &[KnotVector; 2]) -> BandMatrix {
     let stride = knots[1].controls();
     let size = knots[0].controls() * stride;
@@ -211,7 +212,7 @@ fn roughness_matrix(knots: &[KnotVector; 2]) -> BandMatrix {
     matrix
 }
 
-/// Returns the weights of three neighbouring control points in a second difference, for spans of length 1.
+/// Returns the weights of three successive control points in a second difference, for spans of length 1.
 fn second_differences(knots: &KnotVector) -> Vec<[f64; 3]> {
     let domain = knots.domain();
     let span = (domain.end() - domain.start()) / knots.spans() as f64;
@@ -222,22 +223,22 @@ fn second_differences(knots: &KnotVector) -> Vec<[f64; 3]> {
     knots.greville_abscissa().windows(3).map(difference).collect()
 }
 
-/// The lower half of a symmetric band matrix.
+/// A symmetric band matrix, stored as its lower half.
 #[derive(Debug, Clone)]
 struct BandMatrix {
     size: usize,
     half_width: usize,
-    // A_ij at i · (b + 1) + b − i + j
+    // The element A_ij at index i · (b + 1) + b − i + j.
     lower: Vec<f64>,
 }
 
 impl BandMatrix {
-    /// Creates a matrix of zeros.
+    /// Creates a matrix of zeros with this size and half-width of the band.
     pub fn zero(size: usize, half_width: usize) -> Self {
         BandMatrix { size, half_width, lower: vec![0.0; size * (half_width + 1)] }
     }
 
-    /// Adds a value to the element at `row` and `column`, which lies in the lower half of the band.
+    /// Adds a value to an element in the lower half of the band.
     pub fn add(&mut self, row: usize, column: usize, value: f64) {
         let index = self.index(row, column);
         self.lower[index] += value;
@@ -249,7 +250,7 @@ impl BandMatrix {
         BandMatrix { lower, ..*self }
     }
 
-    /// Returns the sum of the diagonal.
+    /// Returns the sum of the diagonal elements.
     pub fn trace(&self) -> f64 {
         (0..self.size).map(|row| self.lower[self.index(row, row)]).sum()
     }
@@ -268,7 +269,7 @@ impl BandMatrix {
         product
     }
 
-    /// Factorises the matrix; on failure returns the row at which A is found to be singular.
+    /// Factorises the matrix. On failure, returns the row at which the matrix is found to be singular.
     pub fn factorise(mut self) -> Result<CholeskyFactor, usize> {
         for row in 0..self.size {
             self.factor_row(row)?;
@@ -305,7 +306,7 @@ impl BandMatrix {
     }
 }
 
-/// L of A = L Lᵀ.
+/// The factor L of A = L Lᵀ.
 #[derive(Debug, Clone)]
 struct CholeskyFactor {
     matrix: BandMatrix,
@@ -332,7 +333,7 @@ impl CholeskyFactor {
         right
     }
 
-    /// tr(A⁻¹ B) for a B of A's shape.
+    /// Returns tr(A⁻¹ B) for a matrix B with the band of A.
     pub fn trace_inverse_times(&self, other: &BandMatrix) -> f64 {
         let l = &self.matrix;
         let mut inverse = BandMatrix::zero(l.size, l.half_width);
@@ -360,7 +361,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Calculated by hand: [[4, 2], [2, 5]] x = (8, 9) has x = (11/8, 5/4).
+    /// Expected value, calculated by hand: [[4, 2], [2, 5]] x = (8, 9) has x = (11/8, 5/4).
     #[test]
     fn a_system_of_two_equations_by_hand() {
         let mut matrix = BandMatrix::zero(2, 1);

@@ -1,16 +1,16 @@
-//! Fits the surface of a taught region, and states its deviation from the scan.
+//! Fits the surface of a taught region, and computes the scan's deviation from the surface.
 //!
-//! Minimises Σ_q w_q |S(u_q, v_q) − P_q|² over the control points (Eq. 4.12), P_q the scan's points, smoothed as
-//! the noise requires (`equations`). A point affects only the (k + 1)(l + 1) control points of its span, so the
-//! normal equations are banded. They are summed band by band of the picture and folded in order: the result is the
-//! same for any number of threads. With r_q the deviation along the normal and σ = 1.4826 · median |r|, points have
-//! Tukey's weights
-//!     w = (1 − (r / c)²)² for |r| < c = 4.685 σ, else 0,
-//! after a first fit with w = 1, and again until σ settles: flying points lose their influence. A point of weight 0
-//! counts as missing. The white noise is derived from second differences of r between neighbouring pixels, which no
-//! smooth misfit and no slow error of the camera affects. Missing points are not filled in: a hole larger than the
-//! recipe allows is an error, and so are a fold and a poor fit. Source of the weights: Beaton & Tukey, Technometrics
-//! 16(2), 1974.
+//! The fit minimises Σ_q w_q |S(u_q, v_q) − P_q|² over the control points (Eq. 4.12), with P_q the scan's points,
+//! smoothed as the noise requires (`equations`). A point affects only the (k + 1)(l + 1) control points of its span, so
+//! the normal equations are banded. They are summed over bands of the picture in a fixed order: the result is the same
+//! for any number of threads. With r_q the deviation along the normal and σ = 1.4826 · median |r|, points have Tukey's
+//! weights
+//!     w = (1 − (r / c)²)² for |r| < c = 4.685 σ, else 0.
+//! The first fit has w = 1; the fit is then repeated until σ converges, so that outliers have no influence. A point of
+//! weight 0 is treated as missing. The white noise is calculated from second differences of r between adjacent pixels,
+//! which neither a smooth misfit nor a smooth error of the camera affects. Missing points are not filled in: a hole
+//! larger than the recipe's limit is an error, and so are a fold and a poor fit. Source of the weights: Beaton & Tukey,
+//! Technometrics 16(2), 1974.
 
 use super::bspline::BSplineSurface;
 use super::equations::{Solution, SurfaceEquations};
@@ -24,69 +24,70 @@ use panelprep_cell::panel::{Region, TaughtPanel};
 use panelprep_cell::recipe::{self, FitMethod};
 use rayon::prelude::*;
 
-/// Lower limit of σ, mm: no 3D camera is more accurate. It keeps σ above zero on data without noise.
+/// Minimum value of σ, mm: no 3D camera is more accurate. The limit prevents a σ of zero for data without noise.
 const MIN_SCALE_MM: f64 = 0.001;
-/// Largest number of weighted fits; two are usual.
+/// Maximum number of weighted fits; two are usual.
 const MAX_ROUNDS: usize = 4;
-/// The iteration ends when σ stays above this share of its previous value.
+/// Minimum ratio of σ to its previous value at which the iteration ends.
 const CONVERGENCE_RATIO: f64 = 0.9;
 
-/// The scan's distance from the surface, along the surface's normal.
+/// Statistics of the scan's distance from the surface, along the surface's normal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Deviation {
-    /// Number of points in the fit, without the rejected ones.
+    /// Number of points in the fit, without rejected points.
     pub points: usize,
-    /// Number of points of the region with weight zero, which are farther from the surface than 4.685 σ.
+    /// Number of rejected points of the region: their weight is zero, because they are farther from the surface than
+    /// 4.685 σ.
     pub rejected: usize,
     /// Root mean square over the points in the fit, mm.
     pub rms_mm: f64,
-    /// 95 % of the points in the fit lie below this distance, mm.
+    /// 95 % quantile of the distance over the points in the fit, mm.
     pub p95_mm: f64,
     /// The largest distance of a point in the fit, mm.
     pub largest_mm: f64,
-    /// The scan's white noise along the normal, σ, mm: for a perfect surface, `rms_mm` equals this value.
+    /// White noise of the scan along the normal, σ, mm. If the surface is perfect, `rms_mm` equals this value.
     pub noise_mm: f64,
     /// The smoothing λ that this noise required, relative to the data; 0 in the thesis's method.
     pub smoothing: f64,
-    /// Pixels of the region without a point, or with a rejected one, percent.
+    /// Pixels of the region without a point, or with a rejected point, percent.
     pub missing_percent: f64,
     /// Side of the largest square of the region without a point, mm.
     pub largest_hole_mm: f64,
 }
 
-/// A surface with its measured deviation from the scan.
+/// A fitted surface with the scan's deviation from the surface.
 #[derive(Debug, Clone)]
 pub struct Fit {
-    /// The surface; the region is its unit square.
+    /// The surface; the region is the unit square of its parameters.
     pub surface: BSplineSurface,
-    /// The deviation of the scan from the surface.
+    /// Statistics of the scan's deviation from the surface.
     pub deviation: Deviation,
-    /// The deviation, pixel by pixel.
+    /// The deviation of each pixel.
     pub map: DeviationMap,
 }
 
-/// A refused fit, with the picture that shows where it fails.
+/// A rejected fit, with the map that shows where the fit fails.
 #[derive(Debug, Clone, thiserror::Error)]
 #[error("{error}")]
 pub struct Refusal {
     /// The cause.
     pub error: FitError,
-    /// The deviation, pixel by pixel, as far as it was computed.
+    /// The deviation of each pixel; `None` if it was not computed.
     pub map: Option<DeviationMap>,
 }
 
 /// Fits the surface of the panel's region.
 ///
 /// # Errors
-/// If the scan has holes, does not determine the surface, or deviates from it by more than the recipe allows.
+/// If the scan has holes, does not determine the surface, or deviates from the surface by more than the recipe's limit.
 pub fn fit(panel: &TaughtPanel, settings: &recipe::Surface) -> Result<Fit, FitError> {
     examine_fit(panel, settings).map_err(|refusal| refusal.error)
 }
 
-/// Fits the surface of the panel's region; an error contains the picture of the deviation.
+/// Fits the surface of the panel's region; an error contains the map of the deviation.
 ///
 /// # Errors
-/// As [`fit`].
+/// The errors of [`fit`].
 pub fn examine_fit(panel: &TaughtPanel, settings: &recipe::Surface) -> Result<Fit, Box<Refusal>> {
     let early = |error: FitError| Box::new(Refusal { error, map: None });
     let sides_mm = sides_mm(panel).map_err(early)?;
@@ -188,7 +189,7 @@ impl FitInputs<'_> {
         FitError::Undetermined { at: self.region.pixel(Point2::new(share(i, knots_u), share(j, knots_v))) }
     }
 
-    /// Computes the deviation of each sample along the surface's normal, mm, band by band.
+    /// Computes the deviation of each sample along the surface's normal, mm, for each band of the picture.
     fn residuals(&self, surface: &BSplineSurface) -> Result<Vec<Vec<f64>>, FitError> {
         let residual = |sample: &Sample| {
             let at = self.samples.sample_parameter(sample);
@@ -234,7 +235,8 @@ impl FitInputs<'_> {
         if size_mm > limit_mm { Err(FitError::Hole { at, size_mm, limit_mm }) } else { Ok(()) }
     }
 
-    /// Returns the state of each pixel and, if residuals are given, its distance from the surface.
+    /// Returns the state of each pixel. If residuals are given, the state contains the pixel's distance from the
+    /// surface.
     fn map(&self, residuals: Option<(&[Vec<f64>], f64)>) -> DeviationMap {
         let samples = self.samples;
         let of_pixel = |inside: &bool| if *inside { MapPixel::Missing } else { MapPixel::Outside };
@@ -271,14 +273,14 @@ impl FitInputs<'_> {
     }
 }
 
-/// Estimates σ of the white noise from second differences along the picture's rows, mm.
+/// Estimates σ of the white noise, mm, from second differences along the picture's rows.
 fn noise_mm(samples: &Samples, residuals: &[Vec<f64>]) -> f64 {
     let of_band = |(band, residuals): (&Vec<Sample>, &Vec<f64>)| {
         let neighbours =
             |three: &&[Sample]| three[1].pixel == three[0].pixel + 1 && three[2].pixel == three[0].pixel + 2;
         let bends = band.windows(3).zip(residuals.windows(3)).step_by(3);
-        // The last pixels of a row and the first ones of the next row have consecutive numbers but are not neighbours;
-        // they are too few to matter.
+        // The last pixels of a row and the first pixels of the next row have consecutive numbers, but are not adjacent;
+        // these pixels are too few to have an effect.
         bends.filter(|(three, _)| neighbours(three)).map(|(_, r)| (r[0] - 2.0 * r[1] + r[2]).abs()).collect()
     };
     let of_bands: Vec<Vec<f64>> = samples.bands.par_iter().zip(residuals).map(of_band).collect();
@@ -291,7 +293,7 @@ fn scale_mm(residuals: &[Vec<f64>]) -> f64 {
     (SIGMA_OF_MEDIAN * median(&mut sizes).unwrap_or(0.0)).max(MIN_SCALE_MM)
 }
 
-/// Returns the value below which this share of the values lies; 0 for no values. Reorders the values.
+/// Returns the quantile of the values for this fraction; 0 without values. The values are reordered.
 fn quantile(values: &mut [f64], share: f64) -> f64 {
     if values.is_empty() {
         return 0.0;

@@ -1,35 +1,37 @@
 //! Computes the form of today's panel in the terms of metrology: profile of the surface, and flatness, each with its
 //! uncertainty.
 //!
-//! The region is divided into places of about 20 mm. A place with most of its points on today's surface has the
-//! deviation
+//! The region is divided into cells of about 20 mm. If most points of a cell belong to today's surface, the cell's
+//! deviation is
 //!     d = c(u, v) + mean of the points' distances from c,                                                    (1)
 //! along the nominal normal, positive in front of the nominal surface, with c the smooth correction of `today`. The
-//! mean adds what c does not follow, such as a dent that is narrower than its spans.
+//! mean adds features that c does not follow, such as a dent that is narrower than the spans of c.
 //!
 //! *Profile of a surface* (ISO 1101:2017, 17.6; ASME Y14.5-2018, 11.2): the tolerance zone lies between the two
 //! surfaces at half the tolerance on both sides of the nominal surface, so that its measured value is 2 · max |d|. The
 //! extremes of d are its two unequal sides. The nominal surface is placed by the localization, which is a best fit to
-//! the whole panel without datums: position and tilt of the panel do not count. *Flatness* (ISO 12781-1, MZPL): the
-//! minimum zone of the places on today's surface (`geometry/plane`).
+//! the whole panel without datums: position and tilt of the panel have no influence. *Flatness* (ISO 12781-1, MZPL):
+//! the minimum zone of the cells' points on today's surface (`geometry/plane`).
 //!
-//! The uncertainty U of d, 95 %, follows from the law of propagation (JCGM 100:2008, 5.1.2) with independent parts:
-//!     U² = k² (s²/n + g σ² + p²) + N²,   k = 1.96,                                                           (2)
-//! s the standard deviation of the points about the mean of their place, of which there are n; σ the scan's smooth
-//! error at a point, of which there is one (g = 1) if the nominal surface is a drawing, and one in each of two scans
-//! (g = 2) if it was scanned; p the error of the localization along the place's normal; N the distance that 95 % of the
-//! nominal points keep from the fitted nominal surface. σ and p are not independent, since the pose follows from the
-//! same scan: the fit takes away the part of the scan's error that is a shift or a tilt, and (2) counts it twice. This
-//! makes U larger, by √2 at most. With d_p and U_p at the places p, the true value of the profile is at most
-//! 2 · max (|d_p| + U_p), so that its uncertainty is 2 · (max (|d_p| + U_p) − max |d_p|); those of the extremes follow
-//! likewise. The zone of flatness changes with d at the places that touch its planes, with weights that sum to 1 on each
-//! plane (the multipliers of its linear program): with independent errors its variance is at most 2 times that of one
-//! place. Pose and nominal surface do not change it, and g is 1. Errors that are alike at two places cancel in it.
+//! The 95 % uncertainty U of d follows from the law of propagation (JCGM 100:2008, 5.1.2) with independent parts:
+//!     U² = k² (s²/n + g σ² + p²) + N²,   k = 1.96.                                                           (2)
+//! - s is the standard deviation of the points about the mean of their cell, n the number of points in the cell.
+//! - σ is the scan's smooth error at a point. If the nominal surface is a drawing, there is one scan (g = 1); if it was
+//!   scanned, there are two (g = 2).
+//! - p is the error of the localization along the cell's normal.
+//! - N is the distance from the fitted nominal surface within which 95 % of the nominal points lie.
+//! σ and p are not independent, because the pose follows from the same scan: the fit removes the part of the scan's
+//! error that is a shift or a tilt, and (2) counts it twice. This makes U larger, by √2 at most. With d_p and U_p of
+//! the cells p, the true value of the profile is at most 2 · max (|d_p| + U_p), so that its uncertainty is 2 · (max
+//! (|d_p| + U_p) − max |d_p|); the uncertainties of the extremes are computed in the same way. The flatness changes
+//! with d at the cells that touch the planes of its zone, with weights that sum to 1 on each plane (the multipliers of
+//! its linear program): with independent errors its variance is at most 2 times that of one cell. Pose and nominal
+//! surface do not change it, and g is 1. Errors that are equal at two cells cancel in it.
 //!
-//! A value v with the limit L is proven if v + U ≤ L (ISO 14253-1:2017, 5.2). Known limits: all is stated for the places
-//! that were seen; a defect that is narrower than a place counts with its mean only, and points that are too far from c
-//! to belong to the surface do not count: if they are less than half of a place, neither does their defect; U is that of
-//! single places.
+//! A value v meets the limit L with certainty if v + U ≤ L (ISO 14253-1:2017, 5.2). Known limits: all values apply to
+//! the cells that were seen. A defect that is narrower than a cell contributes only its mean. Points that are too far
+//! from c to belong to the surface are ignored: if they are less than half of a cell, their defect is ignored, too. U
+//! is that of single cells.
 
 use super::bspline::Parameter;
 use super::fit::Fit;
@@ -38,30 +40,30 @@ use super::today::{CellRaster, TodaysPoint, TodaysSurfaceFit};
 use panelprep_base::geometry::statistics::NORMAL_TWO_SIDED_95;
 use panelprep_base::geometry::{Panel, PlaneZone, Point, PoseUncertainty};
 
-/// Approximate side of a place, mm: wide enough for the mean of many points, narrower than a dent made by a hand.
+/// Approximate side of a cell, mm: wide enough for the mean of many points, narrower than a dent made by a hand.
 const PLACE_MM: f64 = 20.0;
-/// Smallest number of points in a place, so that their mean and their scatter are known.
+/// Minimum number of points in a cell at which their mean and their scatter are known.
 const MIN_POINTS: u32 = 8;
-/// Smallest number of places of a form.
+/// Minimum number of seen cells for which a form is computed.
 const MIN_PLACES: usize = 4;
-/// Largest flatness zone of the nominal surface for which the panel counts as flat, mm.
+/// Maximum flatness of the nominal surface at which the panel is treated as flat, mm.
 const MAX_NOMINAL_FLATNESS_MM: f64 = 0.2;
 
-/// The points of the scan in which the panel was located, and the errors with which they are known.
+/// The points of the scan in which the panel was located, with their errors.
 #[derive(Debug, Clone, Default)]
 pub struct TodaysScan {
-    /// The points in the region.
+    /// The points of the scan in the region.
     pub points: Vec<TodaysPoint>,
-    /// Their errors; `None` if they are not known.
+    /// The errors of the points; `None` if they are not known.
     pub errors: Option<FormErrors>,
 }
 
-/// The errors of the deviation that do not follow from the points.
+/// The errors of the deviation that cannot be determined from the points.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FormErrors {
-    /// One standard deviation of the smooth error of one scan at a point, mm.
+    /// Standard deviation of the smooth error of one scan at a point, mm.
     pub scan_mm: f64,
-    /// The uncertainty of the pose by which the points were moved to the panel's frame.
+    /// The uncertainty of the pose with which the points were transformed to the panel's frame.
     pub pose: PoseUncertainty,
 }
 
@@ -74,14 +76,14 @@ pub struct Measured {
     pub uncertainty_mm: f64,
 }
 
-/// The deviation at one place of the region.
+/// The deviation of one cell of the region.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FormPlace {
-    /// The middle of the place.
+    /// The centre of the cell.
     pub at: Parameter,
     /// Distance of today's panel in front of the nominal surface.
     pub deviation: Measured,
-    /// One standard deviation of the scan's error alone, mm.
+    /// Standard deviation of the scan's error alone, mm.
     scan_mm: f64,
 }
 
@@ -92,7 +94,7 @@ pub struct Flatness {
     pub zone: Measured,
     /// The zone about the least-squares plane, mm: an upper bound of the minimum zone.
     pub least_squares_mm: f64,
-    /// The minimum zone of the nominal surface at the same places, mm.
+    /// The minimum zone of the nominal surface at the same cells, mm.
     pub nominal_mm: f64,
 }
 
@@ -106,23 +108,25 @@ impl Flatness {
 /// The form of today's panel over the part of the region that the scan shows.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Form {
-    /// Twice the largest deviation.
+    /// The profile: twice the largest absolute deviation.
     pub profile: Measured,
-    /// The largest deviation in front of the nominal surface; negative if all of the panel lies behind it.
+    /// The largest deviation in front of the nominal surface; negative if the whole panel lies behind the nominal
+    /// surface.
     pub front: Measured,
-    /// The largest deviation behind the nominal surface, negative; positive if all of the panel lies in front.
+    /// The largest deviation behind the nominal surface, as a negative value; positive if the whole panel lies in
+    /// front.
     pub behind: Measured,
-    /// The flatness; `None` if the places lie on a line.
+    /// The flatness; `None` if the seen cells lie on a line.
     pub flatness: Option<Flatness>,
-    /// Share of the region that the places cover, percent.
+    /// Fraction of the region that the seen cells cover, percent.
     pub seen_percent: f64,
-    /// The places that were seen.
+    /// The cells that were seen.
     pub places: Vec<FormPlace>,
 }
 
 impl Form {
-    /// Computes the form of today's surface relative to the nominal one; `nominal_scans` is 0 for a drawing, and 1 for
-    /// a scan. `None` if fewer than four places were seen.
+    /// Computes the form of today's surface relative to the nominal surface; `nominal_scans` is 0 for a drawing, and 1
+    /// for a taught scan. `None` if fewer than four cells were seen.
     pub fn compute(
         (taught, nominal_scans): (&Fit, u8),
         todays: &TodaysSurfaceFit,
@@ -158,35 +162,35 @@ impl Form {
         })
     }
 
-    /// Returns the largest uncertainty of the deviation at a place, 95 %, mm.
+    /// Returns the largest 95 % uncertainty of a cell's deviation, mm.
     pub fn largest_uncertainty_mm(&self) -> f64 {
         self.places.iter().map(|place| place.deviation.uncertainty_mm).fold(0.0, larger)
     }
 }
 
 impl Measured {
-    /// Returns the value with the opposite sign.
+    /// Returns the value with the opposite sign and the same uncertainty.
     fn reversed(self) -> Measured {
         Measured { value_mm: -self.value_mm, ..self }
     }
 
-    /// Returns whether the value, with its uncertainty, is within an upper limit, mm.
+    /// Returns whether the upper end of the uncertainty interval is within an upper limit, mm.
     pub fn is_surely_within(&self, limit_mm: f64) -> bool {
         self.value_mm + self.uncertainty_mm <= limit_mm
     }
 
-    /// Returns whether the value, with its uncertainty, exceeds an upper limit, mm.
+    /// Returns whether the lower end of the uncertainty interval exceeds an upper limit, mm.
     pub fn is_surely_beyond(&self, limit_mm: f64) -> bool {
         self.value_mm - self.uncertainty_mm > limit_mm
     }
 }
 
-/// Returns the larger number, and NaN if one of them is NaN: an unknown number must not be ignored as the smaller one.
+/// Returns the larger number, or NaN if one of them is NaN, because an unknown number must not be ignored.
 fn larger(a: f64, b: f64) -> f64 {
     if a.is_nan() || a > b { a } else { b }
 }
 
-/// Returns the largest value, with the distance to the largest upper bound as its uncertainty.
+/// Returns the largest value; its uncertainty is the distance to the largest upper end of the uncertainty intervals.
 fn largest(all: impl Iterator<Item = Measured>) -> Measured {
     let none = [f64::NEG_INFINITY; 2];
     let [value_mm, bound_mm] = all.fold(none, |[value, bound], measured| {
@@ -219,7 +223,7 @@ fn flatness(taught: &Fit, places: &[FormPlace]) -> Option<Flatness> {
     })
 }
 
-/// The points of one place.
+/// The sums over the points of one cell.
 #[derive(Debug, Clone, Copy, Default)]
 struct PlaceSums {
     all: u32,
@@ -260,7 +264,7 @@ impl PlaceCells {
         self.sums[index].sum_mm / f64::from(self.sums[index].near)
     }
 
-    /// Returns the standard deviation of a point about the mean of its place, mm, over all places that were seen.
+    /// Returns the standard deviation of a point about the mean of its cell, mm, over all seen cells.
     fn scatter_mm(&self) -> f64 {
         let seen = (0..self.sums.len()).filter(|index| self.is_seen(*index));
         let (freedom, squares) = seen.fold((0.0, 0.0), |(freedom, squares), index| {
@@ -282,7 +286,7 @@ mod tests {
     use panelprep_base::geometry::Rigid;
     use panelprep_cell::panel::TaughtPanel;
 
-    /// Returns a taught panel of 280 × 168 mm with its surface.
+    /// Returns a taught panel of 280 × 168 mm with its fitted surface.
     fn learnt(shape: Shape) -> (TaughtPanel, Fit) {
         let recipe = recipe(shape, "");
         let panel = taught(shape, ScanDefects::default(), &recipe);
@@ -290,7 +294,7 @@ mod tests {
         (panel, fit)
     }
 
-    /// An error of the scan of 0.03 mm, and a shift of 0.02 mm along the camera's axis.
+    /// Returns an error of the scan of 0.03 mm, and a shift of 0.02 mm along the camera's axis.
     fn errors() -> FormErrors {
         let mut covariance = Matrix6::zeros();
         covariance[(5, 5)] = 0.02 * 0.02;
@@ -306,10 +310,11 @@ mod tests {
         Form::compute((&fit, 0), &todays, &errors()).expect("a form")
     }
 
-    /// By hand: the bow 1.5 (1 − (2u − 1)²) mm over 14 places along u has its largest value at u = 0.536, where it is
-    /// 1.492 mm, and its least at u = 0.036, 0.207 mm. The profile is 2.985 mm. The taught plane is tilted by 0.2 and
-    /// 0.1, so that its normal has the part 1/√1.05 = 0.976 along the camera's axis: the shift counts with 0.0195 mm.
-    /// With 0.03 mm of the scan and 0.06/√140 = 0.005 mm of the points, U is 1.96 · 0.0361 = 0.071 mm.
+    /// Expected values, calculated by hand. The bow 1.5 (1 − (2u − 1)²) mm over 14 cells along u has its largest value
+    /// at u = 0.536, 1.492 mm, and its smallest at u = 0.036, 0.207 mm. The profile is 2.985 mm. The taught plane has
+    /// the slopes 0.2 and 0.1, so that its normal has the component 1/√1.05 = 0.976 along the camera's axis: the
+    /// contribution of the shift is 0.0195 mm. With 0.03 mm of the scan and 0.06/√140 = 0.005 mm of the points, U is
+    /// 1.96 · 0.0361 = 0.071 mm.
     #[test]
     fn a_bow_has_its_profile() {
         let found = form(Shape::Plane, |at| 1.5 * (1.0 - (2.0 * at.u - 1.0).powi(2)));
@@ -320,9 +325,10 @@ mod tests {
         assert!(found.seen_percent == 100.0 && found.places.len() == 14 * 8, "{}", found.places.len());
     }
 
-    /// By hand: the same bow on a plane has the zone between its highest and its lowest places, 1.492 − 0.207 = 1.285
-    /// mm, with the uncertainty √2 · 1.96 · 0.0304 = 0.084 mm. On the taught cylinder of radius 400 mm, of which 280 mm
-    /// are the region, the nominal zone is that of its sagitta at the outer places, 130 mm from the middle: 21.7 mm.
+    /// Expected values, calculated by hand. The same bow on a plane has the zone between its highest and its lowest
+    /// cells, 1.492 − 0.207 = 1.285 mm, with the uncertainty √2 · 1.96 · 0.0304 = 0.084 mm. The region is 280 mm of the
+    /// taught cylinder of radius 400 mm; its nominal zone is the sagitta at the outer cells, 130 mm from the middle:
+    /// 21.7 mm.
     #[test]
     fn a_bow_has_its_flatness() {
         let flat = form(Shape::Plane, |at| 1.5 * (1.0 - (2.0 * at.u - 1.0).powi(2))).flatness.expect("a plane");
@@ -333,18 +339,20 @@ mod tests {
         assert!((round.nominal_mm - 21.7).abs() < 1.0 && !round.is_nominal_flat(), "{round:?}");
     }
 
-    /// A tilt of the whole panel does not change its flatness: the plane 0.4 u − 0.2 has the flatness of its noise, and
-    /// its profile includes the tilt, because only the localization removes a tilt.
+    /// A tilt of the whole panel does not change its flatness: the flatness of the plane 0.4 u − 0.2 is that of its
+    /// noise. The profile includes the tilt, because only the localization removes a tilt.
     #[test]
     fn a_tilt_is_flat() {
         let found = form(Shape::Plane, |at| 0.4 * at.u - 0.2);
         let flat = found.flatness.expect("a plane");
         assert!(flat.zone.value_mm < 0.06, "{flat:?}");
-        // By hand: the outer places are at u = 1/28 and 27/28, where the tilt is −0.186 and 0.186 mm.
+        // Expected value, calculated by hand: the outer cells are at u = 1/28 and 27/28, where the tilt is −0.186 and
+        // 0.186 mm.
         assert!((found.profile.value_mm - 0.371).abs() < 0.04, "{:?}", found.profile);
     }
 
-    /// A dent of 40 mm that is 0.2 mm deep is narrower than the smooth correction follows, and its full depth counts.
+    /// A dent of 40 mm with a depth of 0.2 mm is narrower than the features that the smooth correction follows; its
+    /// full depth is still measured.
     #[test]
     fn a_narrow_dent_counts_with_its_full_depth() {
         let is_dent = |at: Parameter| (at.u - 0.5).abs() < 20.0 / 280.0 && (at.v - 0.5).abs() < 21.0 / 168.0;
@@ -352,8 +360,8 @@ mod tests {
         assert!((found.behind.value_mm + 0.2).abs() < 0.03, "{:?}", found.behind);
     }
 
-    /// Hidden places have no value and lower the share that was seen. By hand: a clamp over 2 of 14 by 2 of 8 places
-    /// leaves 108 of 112, 96.4 %.
+    /// Hidden cells have no value and reduce the seen fraction. Expected value, calculated by hand: a clamp over 2 of
+    /// 14 by 2 of 8 cells leaves 108 of 112, 96.4 %.
     #[test]
     fn hidden_places_are_not_counted() {
         let is_clamped = |at: Parameter| at.u < 2.0 / 14.0 && at.v < 2.0 / 8.0;
@@ -362,7 +370,8 @@ mod tests {
         assert!(found.profile.value_mm < 0.1, "{:?}", found.profile);
     }
 
-    /// An uncertainty that is not known at one place is not known for the panel, whatever the other places state.
+    /// If the uncertainty of one cell is not known, that of the panel is not known either, whatever the other cells
+    /// state.
     #[test]
     fn an_unknown_uncertainty_of_a_place_proves_nothing() {
         let (panel, fit) = learnt(Shape::Plane);

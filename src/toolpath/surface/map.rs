@@ -1,5 +1,5 @@
-//! Maps of the surface: the deviation of a fit, with the places at which points are missing; and fields for drawing,
-//! with a value such as a depth at each position of some grids.
+//! Maps of the surface: the deviation of a fit for each pixel, with the positions of missing points; and fields for
+//! drawing, with a value such as a depth at each sample point of some grids.
 
 use super::bspline::Parameter;
 use super::samples::Window;
@@ -14,19 +14,19 @@ pub enum MapPixel {
     Outside,
     /// The pixel shows no point of the panel.
     Missing,
-    /// A point that is not used in the fit.
+    /// The pixel has a point that is not used in the fit.
     Rejected {
-        /// Distance in front of the surface, mm.
+        /// Distance of the point in front of the surface, mm.
         mm: f32,
     },
-    /// A point in the fit.
+    /// The pixel has a point that is used in the fit.
     Fits {
-        /// Distance in front of the surface, mm.
+        /// Distance of the point in front of the surface, mm.
         mm: f32,
     },
 }
 
-/// The deviation of a fit, pixel by pixel, for the part of the taught picture that contains the region.
+/// The deviation of a fit for each pixel of the part of the taught picture that contains the region.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DeviationMap {
     pub(super) window: Window,
@@ -34,7 +34,7 @@ pub struct DeviationMap {
     pub(super) mm_per_px: f64,
 }
 
-/// Parts of a region in which there is no panel.
+/// The parts of a region without panel material.
 #[derive(Debug, Clone)]
 pub struct HoleMap {
     region: Region,
@@ -75,7 +75,7 @@ impl DeviationMap {
         &self.pixels
     }
 
-    /// Returns a map of the same region, in which each pixel of the region has the state that the function returns.
+    /// Returns a map of the same region in which `says` determines the state of each pixel of the region.
     pub(super) fn fill_region(&self, says: impl Fn(Pixel) -> MapPixel) -> Self {
         let one = |(index, pixel): (usize, &MapPixel)| match pixel {
             MapPixel::Outside => MapPixel::Outside,
@@ -89,8 +89,8 @@ impl DeviationMap {
         self.mm_per_px
     }
 
-    /// Returns the side, px, and the middle of the largest square of the region in which no pixel has a point in the
-    /// fit; the side is 0 if there is none.
+    /// Returns the side, px, and the centre of the largest square of the region without a point in the fit; the side is
+    /// 0 if there is no such pixel.
     pub(super) fn largest_hole(&self) -> (usize, Pixel) {
         let squares = self.squares();
         let largest = squares.iter().enumerate().fold(
@@ -123,21 +123,21 @@ impl DeviationMap {
         HoleMap { region: region.clone(), window: self.window.clone(), is_over }
     }
 
-    /// Returns the side of the largest square without a point that ends at each pixel, px.
+    /// Returns for each pixel the side of the largest square without a point that ends at this pixel, px.
     fn squares(&self) -> Vec<u32> {
         let raster = RasterSize { width: self.width(), height: self.pixels.len() / self.width().max(1) };
         raster.largest_squares(|index| matches!(self.pixels[index], MapPixel::Missing | MapPixel::Rejected { .. }))
     }
 }
 
-/// The values on one grid, at each sample, row by row.
+/// The values on one grid, for each sample point, row by row.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GridField {
     /// The grid.
     pub id: GridId,
     /// Samples along u.
     pub columns: usize,
-    /// The value at each sample; `None` if there is no panel.
+    /// The value at each sample point; `None` if there is no panel material.
     pub values: Vec<Option<f32>>,
 }
 
@@ -146,7 +146,7 @@ pub struct GridField {
 pub struct Field {
     /// Grid by grid.
     pub grids: Vec<GridField>,
-    /// Length of the region along u and along v, through its middle, mm.
+    /// Lengths of the region along u and along v, through its middle, mm.
     pub sides_mm: [f64; 2],
 }
 
@@ -154,8 +154,8 @@ pub struct Field {
 mod tests {
     use super::*;
 
-    /// By hand: 6 × 5 pixels have a hole of 3 × 2 pixels that contains a rejected pixel. The largest square is 2 × 2,
-    /// and there is a second one at (4, 2).
+    /// Expected values, determined by hand: 6 × 5 pixels have a hole of 3 × 2 pixels that contains a rejected pixel.
+    /// The largest square is 2 × 2, and there is a second one at (4, 2).
     #[test]
     fn the_largest_hole_is_a_square_of_missing_and_rejected_pixels() {
         let (fits, missing) = (MapPixel::Fits { mm: 0.1 }, MapPixel::Missing);
@@ -166,8 +166,7 @@ mod tests {
         pixels[2 * 6 + 2] = MapPixel::Rejected { mm: -2.0 };
         let mut map = DeviationMap { window: Window { columns: 100..106, rows: 50..55 }, pixels, mm_per_px: 2.0 };
         assert_eq!(map.largest_hole(), (2, Pixel::at(101.5, 51.5)));
-        // With squares of 4 mm, both squares and thus all six pixels of the hole are found; a larger square is not
-        // found.
+        // With squares of 4 mm, both squares and thus all six pixels of the hole are found; no larger square is found.
         let text = "panel = \"p\"\nregion = { corners_px = [[100, 50], [106, 50], [106, 55], [100, 55]], rows = 1, \
                     columns = 1 }\nlocate.box_min_mm = [0, 0, 0]\nlocate.box_max_mm = [1, 1, 1]\n";
         let recipe = panelprep_cell::recipe::Recipe::check("f", text).unwrap_or_else(|e| panic!("{e}"));

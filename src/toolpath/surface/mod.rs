@@ -2,9 +2,9 @@
 //!
 //! The thesis uses raw scan points as control points; such a surface contains the camera's noise and does not pass
 //! through the scan. Here the control points minimise the surface's deviation from the scan, and the deviation is
-//! reported. The thesis's method can be chosen for comparison. `today` corrects the surface by the scan in which the
-//! panel was located, and `form` states its profile and flatness. `dwell` computes the time under the disc at each
-//! point of the surface from executed or planned poses. Paths are planned in `path`.
+//! reported. The thesis's method can be selected for comparison. `today` corrects the surface with the scan in which
+//! the panel was located, and `form` computes its profile and flatness. `dwell` computes the dwell time at each point
+//! of the surface from executed or planned poses. Paths are planned in `path`.
 
 mod bspline;
 pub mod dwell;
@@ -56,8 +56,8 @@ mod tests {
         (sum, largest, angle)
     }
 
-    /// The remaining error is the rounding of f32 at 700 mm, 0.00003 mm, and the error of a sphere approximated by
-    /// cubics of 25 mm.
+    /// The remaining error consists of the rounding of f32 at 700 mm, 0.00003 mm, and the error of approximating a
+    /// sphere by cubics of 25 mm.
     #[test]
     fn an_exact_scan_gives_the_exact_surface() {
         for shape in SHAPES {
@@ -69,7 +69,7 @@ mod tests {
         }
     }
 
-    /// A quarter-size picture has a sixteenth of the points: four times the error of a full-size picture.
+    /// A quarter-size picture has a sixteenth of the points, so its error is four times that of a full-size picture.
     #[test]
     fn noise_and_flying_points_hardly_move_the_surface() {
         let spoil = ScanDefects { noise_mm: 0.055, flying: 0.01, missing: 0.01, ..ScanDefects::default() };
@@ -83,9 +83,9 @@ mod tests {
         }
     }
 
-    /// The neighbours of a flying point must not follow it: without weights, flying points with errors up to 2 mm would
-    /// raise the error by a factor of 14. Without the second fit this test fails. Smoothing does not make a noisy plane
-    /// worse, and does not improve an exact saddle.
+    /// Outliers must not move the surface near them: without weights, outliers of up to 2 mm would increase the error
+    /// by a factor of 14. Without the second fit this test fails. Smoothing does not increase the error of a noisy
+    /// plane, and does not reduce that of an exact saddle.
     #[test]
     fn noise_requires_smoothing_and_an_exact_scan_none() {
         let noisy =
@@ -131,8 +131,8 @@ mod tests {
         assert!(matches!(fine, Err(FitError::TooFine { .. })), "{fine:?}");
     }
 
-    /// In a band of 40 px the points are in reverse order: the surface folds there, and the refusal states the place
-    /// and contains a picture.
+    /// In a band of 40 px the points are in reverse order: the surface folds there. The error contains the position of
+    /// the fold and a map.
     #[test]
     fn a_fold_is_refused_with_its_picture() {
         let recipe = recipe(Shape::Plane, "[surface]\nmax_rms_mm = 5\n");

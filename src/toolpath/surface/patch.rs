@@ -1,15 +1,15 @@
-//! Parts of the region's surface: patches, points spread over a patch, and the places that a path treats.
+//! Parts of the region's surface: patches, sample points over a patch, and the areas that a path treats.
 //!
-//! A grid is a patch of the region's single surface: a rectangle of parameters. Neighbouring grids join as smoothly as
-//! the surface itself. A separate surface for each grid, as in the thesis's Fig. 4.22, would not achieve this. The
-//! effects of a path are calculated at points spread evenly over a patch. A path treats whole grids, or rectangular
-//! patches around breaks.
+//! A grid is a patch of the region's single surface: a rectangle of parameters. Adjacent grids join as smoothly as the
+//! surface itself. A separate surface for each grid, as in the thesis's Fig. 4.22, would not achieve this. The effects
+//! of a path are calculated at sample points that are uniformly distributed over a patch. A path treats whole grids, or
+//! rectangular patches around breaks.
 
 use super::bspline::{BSplineSurface, Parameter};
 use panelprep_cell::panel::{GridId, Region};
 
-/// The places that a path treats, with the grids in which they lie: in the record, a place is identified by its grid,
-/// and abrasions are counted for each grid.
+/// The areas that a path treats, with the grids in which they lie. The record identifies an area by its grids, and
+/// sanding passes are counted for each grid.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Treated {
     grids: Vec<GridId>,
@@ -24,7 +24,7 @@ impl Treated {
         Treated { grids: grids.to_vec(), ..Treated::default() }
     }
 
-    /// Returns whole grids in place of these areas. The broken places in these grids remain known.
+    /// Returns the treatment of whole grids instead of these areas. The break points in these grids are kept.
     #[must_use]
     pub fn as_whole_grids(&self, region: &Region, grids: &[GridId]) -> Self {
         let patches: Vec<ParameterPatch> =
@@ -34,26 +34,26 @@ impl Treated {
         Treated { broken, uncertainty_mm: self.uncertainty_mm, ..Treated::from_grids(grids) }
     }
 
-    /// Creates the treatment of these areas, with the broken places that lie in them. Its grids are those into which an
-    /// area extends, row by row.
+    /// Creates the treatment of these areas, with the break points that lie in them. Its grids are those that the areas
+    /// cover in part, row by row.
     pub fn from_areas(region: &Region, areas: Vec<ParameterPatch>, broken: Vec<Parameter>) -> Self {
         let extends_into = |id: &GridId| areas.iter().any(|area| area.part_in(region, *id).is_some());
         let grids = region.ids().filter(extends_into).collect();
         Treated { grids, areas: Some(areas), broken: Some(broken), uncertainty_mm: 0.0 }
     }
 
-    /// Sets the uncertainty of the broken places on the panel, mm.
+    /// Sets the uncertainty of the break points' positions on the panel, mm.
     #[must_use]
     pub fn with_uncertainty_mm(self, uncertainty_mm: f64) -> Self {
         Treated { uncertainty_mm, ..self }
     }
 
-    /// Returns the uncertainty of the broken places on the panel, mm.
+    /// Returns the uncertainty of the break points' positions on the panel, mm.
     pub fn uncertainty_mm(&self) -> f64 {
         self.uncertainty_mm
     }
 
-    /// Returns the grids in which the places lie.
+    /// Returns the grids in which the areas lie.
     pub fn grids(&self) -> &[GridId] {
         &self.grids
     }
@@ -63,18 +63,18 @@ impl Treated {
         self.areas.as_deref()
     }
 
-    /// Returns the broken places that the disc must reach; `None` if the recipe states that whole grids are treated.
+    /// Returns the break points that the disc must reach; `None` if the recipe requires that whole grids are treated.
     pub fn broken(&self) -> Option<&[Parameter]> {
         self.broken.as_deref()
     }
 
-    /// Returns whether a place of one of the grids is treated.
+    /// Returns whether a point in one of the grids is treated.
     pub fn holds(&self, at: Parameter) -> bool {
         self.areas().is_none_or(|areas| areas.iter().any(|area| area.holds(at)))
     }
 }
 
-/// Points in rows and columns, each in the middle of its part of the patch.
+/// Sample points in rows and columns, each at the centre of its cell of the patch.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SampleGrid {
     /// The patch.
@@ -86,7 +86,7 @@ pub struct SampleGrid {
 }
 
 impl SampleGrid {
-    /// Creates points at about this spacing, mm, measured through the middle of the patch.
+    /// Creates sample points at about this distance, mm, measured through the middle of the patch.
     pub fn from_patch(surface: &BSplineSurface, patch: ParameterPatch, spacing_mm: f64) -> Self {
         let middle = surface.tangents(patch.parameter_at(Parameter { u: 0.5, v: 0.5 }));
         let count = |length_mm: f64| (length_mm / spacing_mm).ceil().max(1.0) as usize;
@@ -95,12 +95,12 @@ impl SampleGrid {
         SampleGrid { patch, columns, rows }
     }
 
-    /// Returns the number of samples.
+    /// Returns the number of sample points.
     pub fn count(&self) -> usize {
         self.columns * self.rows
     }
 
-    /// Returns the parameters of a point; points are counted row by row.
+    /// Returns the parameters of a sample point; points are numbered row by row.
     pub fn parameter_at(&self, place: usize) -> Parameter {
         let share = |index: usize, count: usize| (index as f64 + 0.5) / count as f64;
         self.patch.parameter_at(Parameter {
@@ -109,14 +109,14 @@ impl SampleGrid {
         })
     }
 
-    /// Returns the area of each point's cell in the parameters. Multiplied by the surface's area for a unit of the
-    /// parameters there, it gives the area in mm².
+    /// Returns the area of a cell in the parameters. Multiplied by the surface area per unit of the parameters at the
+    /// point, this is the area in mm².
     pub fn cell(&self) -> f64 {
         let [size_u, size_v] = sizes(self.patch);
         size_u * size_v / self.count() as f64
     }
 
-    /// Returns the points around this box of parameters: all points inside, and at most one more on each side.
+    /// Returns the sample points around this box of parameters: all points inside, and at most one more on each side.
     pub fn points_around(&self, least: Parameter, most: Parameter) -> impl Iterator<Item = usize> + use<> {
         let range = |[least, most]: [f64; 2], [low, high]: [f64; 2], count: usize| {
             let index = |at: f64| ((at - low) / (high - low) * count as f64).clamp(0.0, count as f64) as usize;
@@ -133,18 +133,18 @@ fn sizes(patch: ParameterPatch) -> [f64; 2] {
     [patch.high.u - patch.low.u, patch.high.v - patch.low.v]
 }
 
-/// Returns the length of the region along u and along v, through its middle, mm.
+/// Returns the lengths of the region along u and along v, through its middle, mm.
 pub fn sides_mm(surface: &BSplineSurface) -> [f64; 2] {
     let point = |u: f64, v: f64| surface.point(Parameter { u, v });
     [point(0.0, 0.5).distance_mm(point(1.0, 0.5)), point(0.5, 0.0).distance_mm(point(0.5, 1.0))]
 }
 
-/// A box of parameters.
+/// A rectangle in the parameters.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ParameterPatch {
-    /// Lowest u and v.
+    /// Minimum u and v.
     pub low: Parameter,
-    /// Highest u and v.
+    /// Maximum u and v.
     pub high: Parameter,
 }
 
@@ -158,7 +158,7 @@ impl ParameterPatch {
         })
     }
 
-    /// Returns the part of this patch in a grid; `None` if it has no area there, or the region has no such grid.
+    /// Returns the part of this patch in a grid; `None` if the part has no area, or the region has no such grid.
     pub fn part_in(&self, region: &Region, id: GridId) -> Option<Self> {
         let grid = ParameterPatch::for_grid(region, id)?;
         let low = Parameter { u: self.low.u.max(grid.low.u), v: self.low.v.max(grid.low.v) };
@@ -195,9 +195,9 @@ mod tests {
         BSplineSurface::new([knots(), knots()], controls, Point::at(0.0, 0.0, 500.0)).expect("a surface")
     }
 
-    /// By hand: the upper left quarter, 50 by 30 mm, with a spacing of at most 11 mm has 5 columns and 3 rows of
-    /// points, the first point at (5, 5) mm. Each point has an area of 100 mm², which is 100/6000 of the parameters'
-    /// square.
+    /// Expected values, calculated by hand: the upper left quarter, 50 by 30 mm, with a distance of at most 11 mm has 5
+    /// columns and 3 rows of points, the first point at (5, 5) mm. Each point has an area of 100 mm², which is 100/6000
+    /// of the parameters' square.
     #[test]
     fn places_are_spread_evenly() {
         let patch = ParameterPatch { low: Parameter { u: 0.0, v: 0.0 }, high: Parameter { u: 0.5, v: 0.5 } };
@@ -210,8 +210,8 @@ mod tests {
         assert_eq!(sides_mm(&plane()).map(f64::round), [100.0, 60.0]);
     }
 
-    /// Calculated by hand: u from 0.15 to 0.25 meets columns 1 and 2, v from 0.4 meets row 2; a box beside the
-    /// patch meets none.
+    /// Expected values, calculated by hand: u from 0.15 to 0.25 contains columns 1 and 2, v from 0.4 contains row 2; a
+    /// box beside the patch contains no point.
     #[test]
     fn a_box_selects_the_places_around_it() {
         let patch = ParameterPatch { low: Parameter { u: 0.0, v: 0.0 }, high: Parameter { u: 0.5, v: 0.5 } };
@@ -224,8 +224,8 @@ mod tests {
         assert!(around([0.6, 0.7], [0.1, 0.2]).is_empty() && around([0.1, 0.2], [-0.3, -0.1]).is_empty());
     }
 
-    /// By hand: 2 × 5 grids are 0.2 wide and 0.5 high. An area from 0.15 to 0.25 along u and 0.1 to 0.5 along v
-    /// extends into r1c1 and r1c2; it ends at the border of the second row. 0.3 is beside it.
+    /// Calculated by hand: 2 × 5 grids are 0.2 wide and 0.5 high. An area from 0.15 to 0.25 along u and 0.1 to 0.5
+    /// along v covers parts of r1c1 and r1c2; it ends at the border of the second row. u = 0.3 is beside the area.
     #[test]
     fn an_area_has_the_grids_into_which_it_extends() {
         let text = "panel = \"p\"\nregion = { corners_px = [[0, 0], [500, 0], [500, 200], [0, 200]], rows = 2, \

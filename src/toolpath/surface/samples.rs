@@ -1,13 +1,13 @@
-//! The taught pixels for the fit of a surface, each with its knot span, and the reason why a scan does not determine a
-//! surface, as text for the person who teaches.
+//! The taught pixels for the fit of a surface, each with its knot span; and the reasons why a scan does not determine a
+//! surface, as text for the person who teaches the panel.
 //!
 //! A pixel's position in the region, (s, t) = H⁻¹ (pixel), is its parameter (u, v). Range noise moves a point along its
-//! ray and therefore does not change its parameter. The knots extend slightly beyond the region: points beyond its
-//! border, if there are any, support the surface's edge as well as its middle.
+//! ray and therefore does not change its parameter. The knots extend slightly beyond the region, so that points beyond
+//! its border, if there are any, support the surface's edge as well as its middle.
 //!
-//! In the thesis's method (4.5) points of the scan are the control points. The scan is too dense to use every point as
-//! a control point. Each control point is therefore the scan's point nearest to its Greville abscissa. This surface
-//! contains the scan's noise and flattens every bulge. The method is included only for comparison.
+//! In the thesis's method (4.5) points of the scan are the control points. The scan has too many points for this, so
+//! each control point is the scan's point nearest to the control point's Greville abscissa. This surface contains the
+//! scan's noise and flattens every bulge. The method is included only for comparison.
 
 use super::bspline::{Parameter, SurfaceError};
 use nalgebra::{Point2, Vector3};
@@ -19,28 +19,28 @@ use panelprep_cell::panel::{Region, TaughtPanel};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Smallest number of pixels that determine the surface in a pair of spans.
+/// Minimum number of pixels that determine the surface in a pair of spans.
 pub(super) const MIN_PIXELS: usize = (DEGREE + 1) * (DEGREE + 1);
 /// Extent of the knots beyond the region, in spans.
 const MARGIN_SPANS: f64 = 0.25;
-/// Number of points on a line across the region at which its length is measured.
+/// Number of points on a line across the region from which the length of the line is calculated.
 const LENGTH_STEPS: usize = 16;
-/// Number of the picture's rows in one band, which is processed as one unit whatever the number of threads.
+/// Number of the picture's rows in one band. A band is processed as one unit for any number of threads.
 const BAND_ROWS: usize = 16;
 
 /// One point of the scan with its span.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sample {
-    /// Pixel in the window.
+    /// Index of the pixel in the window.
     pub pixel: u32,
-    /// Index of the pair of spans, u slowest.
+    /// Index of the pair of spans; v is the fastest index.
     pub cell: u32,
-    /// Position in the spans, 0…1 each.
+    /// Position in the two spans, 0…1 each.
     pub local: [f64; 2],
     pub mm: Vector3<f64>,
 }
 
-/// The part of the picture in which the knots' domain lies.
+/// The part of the picture that contains the knots' domain.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Window {
     pub columns: Range<usize>,
@@ -58,7 +58,7 @@ impl Window {
     }
 }
 
-/// All samples, grouped into bands of the picture's rows.
+/// All samples, grouped by bands of the picture's rows.
 #[derive(Debug, Clone)]
 pub(super) struct Samples {
     pub knots: [KnotVector; 2],
@@ -74,18 +74,18 @@ pub(super) struct Samples {
     pub points: usize,
 }
 
-/// Returns the knots along u and v; no span is longer than the recipe's spacing.
+/// Returns the knots along u and v; no span is longer than the recipe's control spacing.
 pub(super) fn knots(sides_mm: [f64; 2], spacing_mm: f64) -> Result<[KnotVector; 2], KnotError> {
     let along = |length_mm: f64| {
         let spans = (length_mm / spacing_mm + 2.0 * MARGIN_SPANS).ceil().max(1.0);
-        // With the span h: spans · h = 1 + 2 · MARGIN_SPANS · h.
+        // With the span length h: spans · h = 1 + 2 · MARGIN_SPANS · h.
         let margin = MARGIN_SPANS / (spans - 2.0 * MARGIN_SPANS);
         KnotVector::uniform(DEGREE, spans as usize, -margin..=1.0 + margin)
     };
     Ok([along(sides_mm[0])?, along(sides_mm[1])?])
 }
 
-/// Returns the length of the region along u and along v: in each direction the longest of three lines.
+/// Returns the lengths of the region along u and along v: in each direction the longest of three lines.
 pub(super) fn sides_mm(panel: &TaughtPanel) -> Result<[f64; 2], FitError> {
     let side = |unit: fn(f64, f64) -> Point2<f64>| {
         let length_mm = |across: f64| -> f64 {
@@ -146,20 +146,20 @@ impl Samples {
         }
     }
 
-    /// Returns the spans along u and v of a pair.
+    /// Returns the indices of the spans along u and v of a pair.
     pub fn spans(&self, cell: usize) -> [usize; 2] {
         let across = self.functions[1].len();
         [cell / across, cell % across]
     }
 
-    /// Returns the middle of a pair of spans in the taught picture.
+    /// Returns the centre of a pair of spans in the taught picture.
     pub fn span_centre(&self, cell: usize, region: &Region) -> Pixel {
         let [span_u, span_v] = self.spans(cell);
         let middle = |functions: &SpanFunctions| functions.start + functions.length / 2.0;
         region.pixel(Point2::new(middle(&self.functions[0][span_u]), middle(&self.functions[1][span_v])))
     }
 
-    /// Returns whether this sample is inside the region.
+    /// Returns whether this sample is inside of the region.
     pub fn is_inside(&self, sample: &Sample) -> bool {
         self.inside[sample.pixel as usize]
     }
@@ -236,11 +236,11 @@ pub enum FitError {
          {MIN_PIXELS} are needed; raise [surface] control_spacing_mm", at.u, at.v
     )]
     TooFine {
-        /// The recipe's spacing, mm.
+        /// The recipe's control spacing, mm.
         spacing_mm: f64,
         /// Number of pixels in the span with the fewest pixels.
         pixels: usize,
-        /// The span's middle in the taught picture.
+        /// The centre of this span in the taught picture.
         at: Pixel,
     },
     /// The scan has a hole.
@@ -250,47 +250,47 @@ pub enum FitError {
         distinguishable_texts(*size_mm, *limit_mm, 1)[0], at.u, at.v, distinguishable_texts(*size_mm, *limit_mm, 1)[1]
     )]
     Hole {
-        /// The middle of the largest square without a point, in the taught picture.
+        /// The centre of the largest square without a point, in the taught picture.
         at: Pixel,
         /// Its side, mm.
         size_mm: f64,
         /// Side allowed, mm.
         limit_mm: f64,
     },
-    /// The thesis's method needs a point at a position at which the scan has none.
+    /// The thesis's method needs a point at a position where the scan has no point.
     #[error(
         "the scan has no point at ({:.0}, {:.0}) px for a control point; scan again, or set [surface] method = \
          \"least-squares\"", at.u, at.v
     )]
     NoControlPoint {
-        /// The place, in the taught picture.
+        /// The position in the taught picture.
         at: Pixel,
     },
-    /// Too large a part of the region has no valid point.
+    /// Too large a fraction of the region has no valid point.
     #[error(
         "{} % of the region has no point that fits the surface (limit {} %, [surface] max_missing_percent); scan \
          again",
         distinguishable_texts(*percent, *limit_percent, 1)[0], distinguishable_texts(*percent, *limit_percent, 1)[1]
     )]
     Missing {
-        /// Share of missing points, percent.
+        /// Fraction of missing points, percent.
         percent: f64,
-        /// Limit of this share, percent.
+        /// Maximum fraction of missing points, percent.
         limit_percent: f64,
     },
-    /// The points do not determine a control point.
+    /// The points of the scan do not determine a control point.
     #[error("the scan does not determine the surface near ({:.0}, {:.0}) px; scan again", at.u, at.v)]
     Undetermined {
         /// The control point's position in the taught picture.
         at: Pixel,
     },
-    /// The surface folds: its normal turns away from the camera.
+    /// The surface folds: its normal points away from the camera.
     #[error("the surface folds at ({:.0}, {:.0}) px: its normal turns away from the camera; scan again", at.u, at.v)]
     Fold {
-        /// The place, in the taught picture.
+        /// The position of the fold in the taught picture.
         at: Pixel,
     },
-    /// The deviation is too large.
+    /// The scan's deviation from the surface is too large.
     #[error(
         "the scan deviates from the surface by {} mm rms (limit {} mm, [surface] max_rms_mm); its noise is {} mm; \
          if the panel has smaller features, reduce control_spacing_mm", distinguishable_texts(*rms_mm, *limit_mm, 3)[0], distinguishable_texts(*rms_mm, *limit_mm, 3)[1],
@@ -307,14 +307,14 @@ pub enum FitError {
     /// The control points do not form a surface.
     #[error(transparent)]
     Surface(#[from] SurfaceError),
-    /// The region gives no valid knots.
+    /// The region does not give valid knots.
     #[error(transparent)]
     Knots(#[from] KnotError),
 }
 
 impl FitError {
-    /// Returns the check that the scan does not meet, with its limit and the rejection; if the cause is not a limit,
-    /// the check contains only the rejection.
+    /// Returns the violated check with its limit and the rejection. If the cause is not a limit, the check contains
+    /// only the rejection.
     pub fn failed_check(&self) -> Check {
         let rejects =
             |check: Check| check.with_consequence_if(true, Severity::Reject, "no_surface", || self.to_string());
@@ -342,7 +342,7 @@ impl FitError {
     }
 }
 
-/// Returns knots over the region only: beyond it there may be no points.
+/// Returns knots over the region only, because there may be no points outside of the region.
 pub(super) fn thesis_knots(sides_mm: [f64; 2], spacing_mm: f64) -> Result<[KnotVector; 2], KnotError> {
     let along = |length_mm: f64| {
         let spans = (length_mm / spacing_mm).ceil().max(1.0) as usize;
@@ -351,7 +351,7 @@ pub(super) fn thesis_knots(sides_mm: [f64; 2], spacing_mm: f64) -> Result<[KnotV
     Ok([along(sides_mm[0])?, along(sides_mm[1])?])
 }
 
-/// Returns the scan's points that are used as control points, v running fastest.
+/// Returns the scan's points that are used as control points; v is the fastest index.
 pub(super) fn thesis_controls(panel: &TaughtPanel, knots: &[KnotVector; 2]) -> Result<Vec<Vector3<f64>>, FitError> {
     let (on_u, on_v) = (knots[0].greville_abscissa(), knots[1].greville_abscissa());
     let control = |(u, v): (f64, f64)| {

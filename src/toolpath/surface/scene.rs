@@ -1,4 +1,4 @@
-//! For tests: analytic panels as a quarter-size 3D camera sees them, and the `TaughtPanel` learnt from such a scan.
+//! Test data: scans of analytic panels by a quarter-size 3D camera, and the `TaughtPanel` learnt from such a scan.
 
 use nalgebra::{Isometry3, Vector3};
 use panelprep_base::geometry::{Base, Camera, OrganizedCloud, PinholeCamera, Pixel, Point, Rigid};
@@ -7,7 +7,7 @@ use panelprep_cell::recipe::Recipe;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-/// The depth of an analytic panel behind z = 700 mm in the camera's frame, which is also the panel's frame here.
+/// An analytic panel: a depth behind z = 700 mm in the camera's frame, which is also the panel's frame here.
 #[derive(Debug, Clone, Copy)]
 pub enum Shape {
     /// A tilted plane.
@@ -24,7 +24,7 @@ pub enum Shape {
 pub const SHAPES: [Shape; 4] = [Shape::Plane, Shape::Cylinder, Shape::Sphere, Shape::Saddle];
 
 impl Shape {
-    /// Returns z of the panel over x and y, mm, and its slopes.
+    /// Returns the z coordinate of the panel at (x, y), mm, and its slopes.
     pub fn height(self, x: f64, y: f64) -> (f64, [f64; 2]) {
         match self {
             Shape::Plane => (700.0 + 0.2 * x - 0.1 * y, [0.2, -0.1]),
@@ -40,7 +40,7 @@ impl Shape {
         }
     }
 
-    /// Returns the normal towards the camera.
+    /// Returns the normal that points to the camera.
     pub fn normal(self, at: Point<panelprep_base::geometry::Panel>) -> Vector3<f64> {
         let (_, [dx, dy]) = self.height(at.mm.x, at.mm.y);
         Vector3::new(dx, dy, -1.0).normalize()
@@ -53,19 +53,19 @@ impl Shape {
     }
 }
 
-/// The defects of a scan.
+/// The simulated defects of a scan.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct ScanDefects {
     /// White range noise, mm.
     pub noise_mm: f64,
-    /// Share of points with an error of up to 2 mm.
+    /// Fraction of points with an error of up to 2 mm.
     pub flying: f64,
-    /// Share of points that are missing.
+    /// Fraction of points that are missing.
     pub missing: f64,
     /// Half-width of a square hole in the grid r2c2, px.
     pub hole_px: f64,
-    /// Half-width of a band in the picture's middle in which the points are in reverse order, px, as in the scan of a
-    /// fold.
+    /// Half-width of a band in the picture's middle in which the points are in reverse order, as in the scan of a fold,
+    /// px.
     pub fold_px: f64,
 }
 
@@ -84,8 +84,8 @@ pub const LENS: PinholeCamera = PinholeCamera {
     k3: 0.0,
 };
 
-/// Returns the recipe of the scene: region corners at (±140, ±84) mm, 3 rows and 5 columns, with additional lines
-/// at its end.
+/// Returns the recipe of the scene: region corners at (±140, ±84) mm, 3 rows and 5 columns, and the additional lines
+/// `more`.
 pub fn recipe(shape: Shape, more: &str) -> Recipe {
     let corner = |x: f64, y: f64| {
         let pixel = LENS.project(Point::<Camera>::at(x, y, shape.height(x, y).0)).expect("in front");
@@ -100,7 +100,7 @@ pub fn recipe(shape: Shape, more: &str) -> Recipe {
     Recipe::check("test.toml", &text).unwrap_or_else(|e| panic!("{e}"))
 }
 
-/// Returns the panel |x| ≤ 170, |y| ≤ 105 mm as the camera sees it.
+/// Returns the taught panel |x| ≤ 170, |y| ≤ 105 mm as the camera measures it.
 pub fn taught(shape: Shape, spoil: ScanDefects, recipe: &Recipe) -> TaughtPanel {
     let mut random = Pcg64Mcg::seed_from_u64(7);
     let mut normal = move || {
@@ -127,8 +127,8 @@ pub fn taught(shape: Shape, spoil: ScanDefects, recipe: &Recipe) -> TaughtPanel 
     TaughtPanel::learn(&cloud, LENS, base_from_camera, recipe).unwrap_or_else(|e| panic!("{e}"))
 }
 
-// Returns the point that a pixel shows if the surface is folded: in the band the points run backwards by half a pixel
-// for each pixel, and on both sides of the band forwards again, so that neighbours are never far from each other.
+// Returns the point that a pixel shows if the surface is folded. In the band the points run backwards by half a pixel
+// per pixel, and on both sides of the band forwards again, so that adjacent points are never far from each other.
 fn fold_pixel(pixel: Pixel, fold_px: f64) -> Pixel {
     let from_middle = pixel.u - LENS.cx_px;
     let (size, side) = (from_middle.abs(), from_middle.signum());
@@ -140,7 +140,7 @@ fn fold_pixel(pixel: Pixel, fold_px: f64) -> Pixel {
     Pixel::at(LENS.cx_px + side * shown, pixel.v)
 }
 
-// Returns the depth along a ray, by Newton's method.
+// Returns the depth of the panel along a ray, by Newton's method.
 fn depth(shape: Shape, ray: Vector3<f64>) -> Option<f64> {
     let mut depth = 700.0;
     for _ in 0..50 {

@@ -1,10 +1,10 @@
-//! Computes today's surface: the taught surface, smoothly corrected by the scan in which the panel was located.
+//! Computes today's surface: the taught surface, smoothly corrected with the scan in which the panel was located.
 //!
-//! The found pose moves a point P of that scan to the panel's frame. The taught camera sees the point in a pixel, which
-//! gives its parameters (u, v). There, r = N(u, v) · (P − S(u, v)) is the distance of today's panel in front of the
-//! taught panel. The correction c(u, v) is a smooth field that is fitted to r (`geometry/smooth_field`). Each control
-//! point of the surface is moved along the normal at its Greville abscissa, until the surface there is moved by c. The
-//! region is divided into cells with sides of about the same length, stored row by row.
+//! The found pose transforms a point P of this scan to the panel's frame. The taught camera sees the point in a pixel,
+//! which gives the point's parameters (u, v). Then r = N(u, v) · (P − S(u, v)) is the distance of today's panel in
+//! front of the taught panel. The correction c(u, v) is a smooth field that is fitted to r (`geometry/smooth_field`).
+//! Each control point of the surface is moved along the normal at its Greville abscissa, until the surface there is
+//! moved by c. The region is divided into cells with approximately equal sides, stored row by row.
 
 use super::bspline::{BSplineSurface, Parameter, SurfaceError};
 use super::map::{DeviationMap, MapPixel};
@@ -18,14 +18,14 @@ use rayon::prelude::*;
 
 /// Approximate number of points of the region that are stored: four per square of 6 mm in a region of 600 × 900 mm.
 const MAX_POINTS: usize = 60_000;
-/// Approximate number of points to which the correction is fitted: they determine each of a hundred coefficients to
-/// a tenth of the noise of one point.
+/// Approximate number of points to which the correction is fitted: they determine each of a hundred coefficients to a
+/// tenth of a point's noise.
 const MAX_FITTED: usize = 8_000;
-/// Largest distance of a panel's point from the taught surface, mm; farther points belong to other objects.
+/// Maximum distance of a panel point from the taught surface, mm; points that are farther away belong to other objects.
 const MAX_DISTANCE_MM: f64 = 20.0;
 /// Number of points along each side of the region at which the deviation is evaluated.
 const EVALUATION_POINTS: usize = 32;
-/// Number of iterations in which control points are moved until the surface is moved by the correction.
+/// Number of iterations in which the control points are moved until the surface has moved by the correction.
 const STEPS: usize = 6;
 
 /// A point of today's scan with its parameters on the taught surface.
@@ -49,33 +49,33 @@ impl TodaysPoint {
     }
 }
 
-/// Today's surface with its deviations from the taught surface and the scan.
+/// Today's surface with its deviations from the taught surface and from the scan.
 #[derive(Debug, Clone)]
 pub struct TodaysSurfaceFit {
-    /// The surface; the region is its unit square.
+    /// The surface; the region is the unit square of its parameters.
     pub surface: BSplineSurface,
-    /// Largest distance of the surface from the taught surface, mm.
+    /// Largest distance between today's surface and the taught surface, mm.
     pub largest_mm: f64,
-    /// Root mean square distance of the points from the surface, mm.
+    /// Root mean square of the points' distances from the surface, mm.
     pub rms_mm: f64,
-    /// The share of the region in which most points belong to other objects, or no point was seen, percent.
+    /// The fraction of the region in which no point was seen, or in which most points belong to other objects, percent.
     pub missing_percent: f64,
     /// Side of the largest square in which the surface is not visible, mm.
     pub largest_hole_mm: f64,
-    /// Distance of the surface in front of the taught surface, pixel by pixel; missing if no point was seen.
+    /// Distance of today's surface in front of the taught surface for each pixel; missing if no point was seen.
     pub map: DeviationMap,
-    /// The measured distances to which the surface was fitted.
+    /// The measured distances to which today's surface was fitted.
     pub(super) measured: MeasuredHeights,
 }
 
-/// The points' distances in front of the taught surface, and the field that is fitted to them.
+/// The points' distances in front of the taught surface, and the field that was fitted to these distances.
 #[derive(Debug, Clone)]
 pub(super) struct MeasuredHeights {
-    /// All points of the scan in the region, including those of other objects.
+    /// All points of the scan in the region, including points of other objects.
     pub seen: Vec<HeightSample>,
     /// The correction c.
     pub field: SmoothField,
-    /// A point farther than this from the correction belongs to another object, mm.
+    /// Maximum distance of a point from the correction, mm, at which the point belongs to the panel.
     pub limit_mm: f64,
 }
 
@@ -85,7 +85,7 @@ pub enum TodayError {
     /// The scan has no point near the taught region.
     #[error("the scan in which the panel was located has no point in the panel's region; scan again")]
     NoPoints,
-    /// The equations have no solution.
+    /// The equations of the correction have no solution.
     #[error("the scan in which the panel was located does not determine the region's surface; scan again")]
     Undetermined,
     /// The corrected control points do not form a surface.
@@ -93,8 +93,8 @@ pub enum TodayError {
     Surface(#[from] SurfaceError),
 }
 
-/// Returns the points of a scan that lie in the region, thinned to the number that is needed; `panel_from_camera` is
-/// the panel's pose found in this scan.
+/// Returns the points of a scan that lie in the region, thinned to the required number; `panel_from_camera` is the
+/// panel's pose found in this scan.
 pub fn todays_points(
     panel: &TaughtPanel,
     scan: &OrganizedCloud<Camera>,
@@ -108,7 +108,7 @@ pub fn todays_points(
         let point = Vector::new((*panel_from_camera * point).mm.coords);
         is_inside.then_some(TodaysPoint { at: Parameter { u: unit.x, v: unit.y }, point })
     };
-    // The region is assumed to cover at least a sixteenth of the picture.
+    // The stride assumes that the region covers at least a sixteenth of the picture.
     let every = ((scan.width() * scan.height()) as f64 / (16 * MAX_POINTS) as f64).sqrt().floor().max(1.0) as usize;
     let rows: Vec<usize> = (0..scan.height()).step_by(every).collect();
     let of_row = |row: usize| (0..scan.width()).step_by(every).map(move |column| row * scan.width() + column);
@@ -117,7 +117,7 @@ pub fn todays_points(
     all.into_iter().step_by(step).collect()
 }
 
-/// Corrects the taught surface by the points of today's scan.
+/// Corrects the taught surface with the points of today's scan.
 ///
 /// # Errors
 /// If no point lies near the taught surface, or the points do not determine a surface.
@@ -143,7 +143,7 @@ pub fn correct_taught_surface(
     let RobustField { field, limit_mm } =
         SmoothField::fit_robust(sides_mm, &fitted).ok_or(TodayError::Undetermined)?;
     let surface = displaced_surface(taught, &field, panel)?;
-    // Points far from the taught surface are included here; they do not belong to the surface.
+    // Includes points far from the taught surface, which do not belong to the panel.
     let off_mm: Vec<f64> =
         seen.par_iter().map(|height| (height.height_mm - field.height_at(height.position)).abs()).collect();
     let squares: Vec<f64> = off_mm.iter().filter(|off_mm| **off_mm < limit_mm).map(|mm| mm.powi(2)).collect();
@@ -172,10 +172,10 @@ pub fn correct_taught_surface(
     })
 }
 
-/// The region divided into cells, which state where today's surface was seen.
+/// The cells of the region, with the numbers of points that decide where today's surface was seen.
 struct Cells {
     raster: CellRaster,
-    /// The number of points in each cell, and the number of these that belong to the surface.
+    /// For each cell, the number of points, and the number of these points that belong to the surface.
     counts: Vec<[u32; 2]>,
 }
 
@@ -209,8 +209,8 @@ impl Cells {
     }
 }
 
-/// Returns the surface moved by c along its normals. A control point without a normal is not moved; one beyond the
-/// region is moved like the region's border.
+/// Returns the surface moved by c along its normals. A control point without a normal is not moved; a control point
+/// outside of the region is moved like the region's border.
 fn displaced_surface(
     taught: &BSplineSurface,
     correction: &SmoothField,
@@ -236,8 +236,7 @@ fn displaced_surface(
     Ok(surface)
 }
 
-/// Returns points of a panel that lies in front of the taught panel by this distance, with white noise of 0.06
-/// mm.
+/// Returns points of a panel that lies in front of the taught panel by this distance, with white noise of 0.06 mm.
 #[cfg(test)]
 pub(super) fn points_of(fit: &super::Fit, in_front_mm: impl Fn(Parameter) -> f64) -> Vec<TodaysPoint> {
     use rand::{RngExt, SeedableRng};
@@ -253,7 +252,7 @@ pub(super) fn points_of(fit: &super::Fit, in_front_mm: impl Fn(Parameter) -> f64
     (0..side * side).map(&mut point).collect()
 }
 
-/// The cells of a region.
+/// A division of the region into cells.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct CellRaster {
     /// Number of cells along u and v.
@@ -263,7 +262,7 @@ pub(super) struct CellRaster {
 }
 
 impl CellRaster {
-    /// Divides a region with these sides into cells of about this side, mm.
+    /// Divides a region with these sides, mm, into cells of about this side, mm.
     pub fn new(sides_mm: [f64; 2], cell_mm: f64) -> Self {
         let [width, height] = sides_mm.map(|mm| ((mm / cell_mm).round() as usize).max(1));
         let side_mm = (sides_mm[0] / width as f64).min(sides_mm[1] / height as f64);
@@ -275,13 +274,13 @@ impl CellRaster {
         self.size.width * self.size.height
     }
 
-    /// Returns the cell that contains a place of the unit square.
+    /// Returns the index of the cell that contains a point of the unit square.
     pub fn index(&self, [u, v]: [f64; 2]) -> usize {
         let along = |share: f64, count: usize| ((share * count as f64) as usize).min(count - 1);
         along(v, self.size.height) * self.size.width + along(u, self.size.width)
     }
 
-    /// Returns the middle of a cell.
+    /// Returns the centre of a cell.
     pub fn middle(&self, index: usize) -> Parameter {
         let along = |cell: usize, count: usize| (cell as f64 + 0.5) / count as f64;
         let RasterSize { width, height } = self.size;
@@ -295,7 +294,7 @@ mod tests {
     use crate::surface::scene::{ScanDefects, Shape, recipe, taught};
     use crate::surface::{Fit, fit};
 
-    /// Returns a taught panel of 280 × 168 mm with its surface.
+    /// Returns a taught panel of 280 × 168 mm with its fitted surface.
     fn learnt() -> (TaughtPanel, Fit) {
         let recipe = recipe(Shape::Cylinder, "");
         let panel = taught(Shape::Cylinder, ScanDefects::default(), &recipe);
@@ -303,8 +302,8 @@ mod tests {
         (panel, fit)
     }
 
-    /// Returns the largest distance of the surface from the true surface, which lies in front of the taught surface
-    /// by this distance, mm.
+    /// Returns the largest distance between today's surface and the true surface, mm; the true surface lies in front of
+    /// the taught surface by `in_front_mm`.
     fn error_mm(fit: &Fit, todays: &TodaysSurfaceFit, in_front_mm: impl Fn(Parameter) -> f64) -> f64 {
         let error = |n: usize| {
             let at = Parameter { u: (n % 41) as f64 / 40.0, v: (n / 41) as f64 / 40.0 };
@@ -315,7 +314,7 @@ mod tests {
         (0..41 * 41).map(error).fold(0.0, f64::max)
     }
 
-    /// A bow of 1.5 mm, and a wave with a wavelength of 200 mm.
+    /// Returns a bow of 1.5 mm plus a wave with a wavelength of 200 mm.
     fn bent(at: Parameter) -> f64 {
         1.5 * (1.0 - (2.0 * at.u - 1.0).powi(2)) + 0.3 * (280.0 / 200.0 * std::f64::consts::TAU * at.u).sin()
     }
@@ -327,8 +326,8 @@ mod tests {
             .expect("a surface");
         let error_mm = error_mm(&fit, &todays, bent);
         assert!(error_mm < 0.06, "{error_mm}");
-        // Calculated by hand: at u = 0.3 the bow is 1.5 (1 − 0.16) = 1.26 mm and the wave 0.3 · sin(0.42 · 2π) =
-        // 0.145 mm.
+        // Expected value, calculated by hand: at u = 0.3 the bow is 1.5 (1 − 0.16) = 1.26 mm and the wave 0.3 ·
+        // sin(0.42 · 2π) = 0.145 mm.
         assert!((todays.largest_mm - 1.405).abs() < 0.03, "{}", todays.largest_mm);
         assert!(
             (todays.rms_mm / 0.06 - 1.0).abs() < 0.1
@@ -338,7 +337,7 @@ mod tests {
         );
     }
 
-    /// The taught surface itself is unchanged within the noise.
+    /// If the panel has not changed, today's surface is the taught surface within the noise.
     #[test]
     fn an_unchanged_panel_is_not_corrected() {
         let (panel, fit) = learnt();
@@ -348,8 +347,8 @@ mod tests {
         assert!(error_mm < 0.03 && todays.largest_mm < 0.02, "{error_mm} {}", todays.largest_mm);
     }
 
-    /// A clamp 8 mm above a corner is not part of the panel, and the surface below it is not seen; beside the clamp
-    /// the surface is correct.
+    /// A clamp 8 mm above a corner is not part of the panel, and the surface below the clamp is not seen; beside the
+    /// clamp the surface is correct.
     #[test]
     fn a_clamp_has_no_influence() {
         let (panel, fit) = learnt();
@@ -360,13 +359,14 @@ mod tests {
         let beside = |at: Parameter| if is_clamped(at) { f64::NAN } else { bent(at) };
         let error_mm = error_mm(&fit, &todays, beside);
         assert!(error_mm < 0.1, "{error_mm}");
-        // Calculated by hand: 15 % of the length by 20 % of the width, 42 × 34 mm, in whole cells of 6 mm.
+        // Expected value, calculated by hand: 15 % of the length by 20 % of the width, 42 × 34 mm, in whole cells of 6
+        // mm.
         assert!((todays.missing_percent - 3.0).abs() < 1.0, "{}", todays.missing_percent);
         assert!((24.0..=42.0).contains(&todays.largest_hole_mm), "{}", todays.largest_hole_mm);
     }
 
-    /// The correction does not follow a patch of 30 mm that lies 3 mm higher: like a clamp, the patch is a hole of
-    /// today's surface.
+    /// The correction does not follow a patch of 30 mm that lies 3 mm higher: like a clamp, the patch is treated as a
+    /// hole of today's surface.
     #[test]
     fn a_step_that_the_correction_does_not_follow_is_a_hole() {
         let (panel, fit) = learnt();
