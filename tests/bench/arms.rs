@@ -1,11 +1,10 @@
-//! Simulated arms with errors as in an arm of the KR 6's class: measures the error of the tool's position over the
-//! panel before and after `calibrate robot`, and compares it with the stated error. `cargo bench --bench arms --
-//! [SEEDS]`.
+//! Simulates arms with errors typical of the KR 6's class: measures the error of the tool's position over the panel
+//! before and after `calibrate robot`, and compares it with the stated error. `cargo bench --bench arms -- [SEEDS]`.
 //!
-//! The arms are simulated with another model than the one that is estimated: a chain of Denavit–Hartenberg frames (with
+//! The simulation uses another model than the one that is estimated: a chain of Denavit–Hartenberg frames (with
 //! Hayati's additional rotation for the nearly parallel axes 2 and 3). All parameters of the chain have errors, every
 //! axis is compliant under the weight of the links, and the gears have errors that depend on the angle. In half of the
-//! arms these last two errors are larger.
+//! arms the last two kinds of errors are larger.
 
 #[path = "goal.rs"]
 mod goal;
@@ -30,14 +29,15 @@ use true_arm::TrueArm;
 
 const POSES: usize = 40;
 const TOUCHES: usize = 10;
-/// Repeatability of the robot at a pose, degrees for each axis.
+/// Repeatability of the robot at a pose, degrees per axis.
 const REPEATABILITY_DEG: f64 = 0.001;
 const CORNER_PX: f64 = 0.05;
 const TOUCH_MM: f64 = 0.1;
-/// Targets: the contact error in mm, the share of the seeds that must meet it, and the share of positions within the
-/// stated error.
+/// Maximum contact error, mm.
 const CONTACT_MM: f64 = 0.3;
+/// Minimum fraction of the seeds that must meet this limit.
 const SEEDS_SHARE: f64 = 0.95;
+/// Range of the fraction of positions whose error must be within the stated error.
 const HELD: (f64, f64) = (0.90, 0.99);
 
 fn normal(random: &mut Pcg64) -> f64 {
@@ -45,7 +45,7 @@ fn normal(random: &mut Pcg64) -> f64 {
     (-2.0 * (1.0 - u).ln()).sqrt() * (std::f64::consts::TAU * v).cos()
 }
 
-/// A cell with an arm that has errors.
+/// A simulated cell whose arm has errors, with the data of its calibration.
 struct Trial {
     arm: TrueArm,
     tip: Vector3<f64>,
@@ -68,8 +68,8 @@ fn mount() -> Isometry3<f64> {
     Isometry3::from_parts(Translation3::new(520.0, 0.0, 1350.0), down)
 }
 
-/// Returns the corners in the pictures of both cameras; `None` if a board is not completely in a picture, or is seen at
-/// too flat an angle.
+/// Returns the corners in the pictures of both cameras; `None` if a board is not completely in a picture, or is tilted
+/// too much against the view.
 fn seen(
     camera: &PinholeCamera,
     board: &Board,
@@ -88,13 +88,13 @@ fn seen(
     board.corners().into_iter().map(corner).collect()
 }
 
-/// Returns the flange's pose after the true arm has moved to these joints, with its repeatability error.
+/// Returns the flange's pose after the true arm has moved to these axis angles, including its repeatability error.
 fn stood(arm: &TrueArm, joints: &Joints, random: &mut Pcg64) -> Isometry3<f64> {
     arm.base_from_flange(&Joints::from(joints.degrees().map(|deg| deg + REPEATABILITY_DEG * normal(random))))
 }
 
-/// Returns joints, near a start, at which a chain brings the tip to a position: Newton's method over the first three
-/// axes.
+/// Returns axis angles near a start at which the tip of a chain is at a given position, by Newton's method over the
+/// first three axes.
 fn reached(
     chain: &dyn Fn(&Joints) -> Isometry3<f64>,
     tip: Vector3<f64>,
@@ -149,7 +149,7 @@ fn trial(seed: u64) -> Trial {
             break;
         }
         let joints = random_joints(&mut random);
-        // The arm's errors are left out here: the nominal pose is enough to skip a board that cannot be seen.
+        // The arm's errors are ignored here: the nominal pose is sufficient to skip a board that cannot be seen.
         let flange = *pose_of(&geometry, joints).base_from_flange.isometry();
         let look = |flange: &Isometry3<f64>| match rigs[rig].kind {
             RigKind::EyeToHand => rigs[rig].mount.inverse() * flange * rigs[rig].board,
@@ -186,9 +186,9 @@ fn trial(seed: u64) -> Trial {
     Trial { arm, tip, data }
 }
 
-/// For each point of a panel, returns the distance of the tip from this point after it was sent to the point's position
-/// as the fixed camera measures it, and the stated error. Without the correction, the nominal geometry is used, with
-/// the mount and the tip that were calibrated with it.
+/// Measures the contact error at the points of a panel. For each point, the tip is sent to the position that the fixed
+/// camera measured. Returns the distance between tip and point, and the stated error. Without the correction, the
+/// nominal geometry is used, with the mount and the tip that were calibrated with it.
 fn contacts(trial: &Trial, found: &RobotFound, is_corrected: bool) -> Vec<(f64, f64)> {
     let geometry = &trial.data.geometry;
     let (rigs, tip) = match is_corrected {
@@ -218,8 +218,8 @@ fn contacts(trial: &Trial, found: &RobotFound, is_corrected: bool) -> Vec<(f64, 
     all
 }
 
-/// Returns the largest distance between the flange's true position and its position by the nominal geometry, over the
-/// measured poses, mm.
+/// Returns the largest distance between the flange's true position and its position according to the nominal geometry,
+/// over the measured poses, mm.
 fn off_mm(trial: &Trial) -> f64 {
     let off = |view: &ArmView| {
         let joints = view.pose.joints.unwrap_or_default();
@@ -229,7 +229,7 @@ fn off_mm(trial: &Trial) -> f64 {
     trial.data.views.iter().map(off).fold(0.0, f64::max)
 }
 
-/// Checks that without errors the Denavit–Hartenberg chain gives the same poses as the controller's model.
+/// Checks that the Denavit–Hartenberg chain without errors gives the same poses as the controller's model.
 fn is_same_arm() -> bool {
     let geometry = *Cell::check("cell.toml", "").unwrap_or_else(|problems| panic!("{problems}")).arm().geometry();
     let (arm, mut random) = (TrueArm::drawn(geometry), Pcg64::seed_from_u64(1));
@@ -305,8 +305,8 @@ fn contact(seeds: u64) -> usize {
     usize::from(!is_good)
 }
 
-/// Tries every wrong sign of an axis and every exchange of two axes, with and without the controller's poses in
-/// addition to the axis angles.
+/// Tests every wrong sign of an axis and every exchange of two axes, with and without the poses that the controller
+/// reports in addition to the axis angles.
 fn faults(seeds: u64) -> usize {
     let one = |seed: u64| -> Vec<String> {
         let trial = trial(seed);

@@ -1,5 +1,5 @@
-//! Boards in poor pictures: measures the share of boards found, the accuracy and the time, compared with OpenCV's own
-//! detectors in the same run. `cargo bench --bench boards -- [MIXTURES] [KIND] [only=WORDS] [alone] [after=NUMBER]
+//! Boards in poor pictures: measures the fraction of boards found, the accuracy and the time, compared with OpenCV's
+//! own detectors in the same run. `cargo bench --bench boards -- [MIXTURES] [KIND] [only=WORDS] [alone] [after=NUMBER]
 //! [save=FOLDER]`: the number of mixtures of difficulties for each kind of board; only one kind; only one part; without
 //! OpenCV's detectors; with the seeds after this number. Boards that are not found are written to FOLDER as PGM
 //! pictures.
@@ -21,15 +21,16 @@ use std::time::Instant;
 
 const WIDTH_PX: usize = 1944;
 const SEEDS: u64 = 3;
-/// Target for the share of boards that are found; `MAX_S` and `TYPICAL_S` are the targets for the time of a
-/// full-size picture, s.
+/// Minimum fraction of boards that must be found.
 const MIN_FOUND_SHARE: f64 = 0.98;
+/// Maximum time for a full-size picture, s.
 const MAX_S: f64 = 1.0;
+/// Maximum median time for a full-size picture, s.
 const TYPICAL_S: f64 = 0.2;
 
 type Corners = Option<detect::Corners>;
 
-/// A detector of one library.
+/// A board detector of one library.
 struct Peer {
     name: &'static str,
     find: fn(&Board, &GrayPicture) -> Corners,
@@ -78,17 +79,17 @@ fn main() -> ExitCode {
     if missed == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }
 
-/// The part of the sweep that is run.
+/// The part of the sweep that is selected by the arguments.
 struct Chosen<'a> {
     mixtures: u64,
     part: &'a str,
-    /// The seeds begin after this one.
+    /// Only seeds after this number are used.
     after: u64,
     /// The folder for pictures in which a board or corner was not found.
     folder: Option<&'a str>,
 }
 
-/// Returns the cases with a single difficulty; blur and size are limited so that markers can still be read.
+/// Returns the cases with a single difficulty. Blur and board size are limited so that markers can still be read.
 fn singles(board: &Board) -> Vec<(&'static str, Hard)> {
     let easy = Hard::EASY;
     let small = if board.markers().is_some() { 0.25 } else { 0.15 };
@@ -108,9 +109,9 @@ fn singles(board: &Board) -> Vec<(&'static str, Hard)> {
 /// Counts of the results of one detector.
 #[derive(Default)]
 struct Tally {
-    /// Number of boards of which at least nine tenths of the visible corners were found. `nearly` counts those of them
-    /// with missing corners.
+    /// Number of boards of which at least nine tenths of the visible corners were found.
     found: usize,
+    /// Number of these boards with missing corners.
     nearly: usize,
     part: usize,
     wrong: usize,
@@ -241,7 +242,7 @@ fn sweep((kind, figure): (&str, Figure), board: &Board, peers: &[Peer], chosen: 
     usize::from(!good)
 }
 
-/// Prints the corners with the largest errors, and for each whether it is visible despite the glare.
+/// Prints the corners with the largest errors, and whether each of them is visible despite the glare.
 fn print_farthest(rendered: &Rendered, found: Corners) {
     let off = |(q, pixel): (Point<BoardFrame>, Pixel)| {
         let (_, there, is_seen) = rendered.truth.iter().find(|(t, ..)| t.distance_mm(q) < 0.01)?;
@@ -280,8 +281,8 @@ fn own(board: &Board, picture: &GrayPicture) -> Corners {
     detect::detect("picture", picture, board, None).ok().map(|found| found.corners)
 }
 
-/// Orders corners as OpenCV's tutorials find them: all corners, refined by `cornerSubPix` with a window of ± 5 px,
-/// in any of four orders.
+/// Refines and orders corners as OpenCV's tutorials do: all corners are refined by `cornerSubPix` with a window of ± 5
+/// px, and any of four orders is accepted.
 fn ordered(board: &Board, points: &Vector<Point2f>) -> Corners {
     let corners = board.corners();
     if points.len() != corners.len() {
@@ -293,7 +294,7 @@ fn ordered(board: &Board, points: &Vector<Point2f>) -> Corners {
     if (right.u - first.u) * (below.v - first.v) < (right.v - first.v) * (below.u - first.u) {
         pixels.chunks_mut(columns).for_each(<[Pixel]>::reverse);
     }
-    // The tilted boards of this sweep are rotated by less than 90°: the first corner is the upper or left one.
+    // The tilted boards of this sweep are rotated by less than 90°, so the first corner is the upper or left one.
     let last = pixels[pixels.len() - 1];
     if pixels[columns - 1].u - pixels[0].u + last.v - pixels[0].v < 0.0 {
         pixels.reverse();
@@ -378,7 +379,7 @@ fn charuco(board: &Board, picture: &GrayPicture) -> Corners {
     if found.is_empty() {
         return None;
     }
-    // The corner numbers run row by row from the lower left or the upper left, depending on the version.
+    // The corners are numbered row by row from the lower left or the upper left, depending on OpenCV's version.
     let all = board.corners();
     let place = |number: i32| {
         let (column, row) = (number as usize % board.columns(), number as usize / board.columns());

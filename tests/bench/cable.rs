@@ -1,24 +1,24 @@
-//! A faulty cable that changes messages ("lies") between the service, as one process, and the controller, as another. A
-//! TCP proxy of this bench carries both channels, and at one moment of a cycle it sends one lie. Whole cycles run in
-//! real time, in several cells in parallel. Exit code 1 on any violation; a scenario whose lie was never sent is
+//! Injects faults into the messages between two processes, the service and the controller. A TCP proxy of this bench
+//! carries both channels, and at one moment of a cycle it changes messages: the injected fault. Whole cycles run in
+//! real time, in several cells in parallel. Exit code 1 on any violation; a scenario whose fault was never injected is
 //! counted as such and never as passed. `cargo bench --bench cable -- [scenarios=316] [cells=6] [seed=1] [net=77]
 //! [only=N] [keep=FOLDER] [tried=WORD] [program=FILE]`
 //!
-//! All judgements are based on the controller's own reports or on facts outside the service. `cable/judges.rs` judges
-//! the arm, its outputs, the stops that a person presses and the verdicts. This file judges the rest: after the lie,
-//! `clear`, `reset` and `start` succeed, and a whole cycle without a lie reaches the state complete. Each verdict has
-//! its signed record and its page, and `panelprep store verify` finds nothing. The service continues to run, has not
+//! All checks are based on the controller's own reports or on facts outside of the service. `cable/judges.rs` checks
+//! the arm, its outputs, the stops that a person requests and the verdicts. This file checks the rest. After the fault,
+//! `clear`, `reset` and `start` succeed, and a whole cycle without a fault reaches the state complete. Each verdict has
+//! its signed record and its page, and `panelprep store verify` finds no problem. The service continues to run, has not
 //! panicked and reports to its watchdog.
 //!
-//! Not every lie can be noticed: the messages contain counts and epochs, and each number has its range, but a message
-//! has no checksum. TCP has one, so a real cable does not produce a value that is wrong but valid (another waypoint
-//! within range, an input's bit). Such lies are sent nevertheless, because they must not do any harm: the judges'
-//! requirements must be met, and the cell must recover. If a cycle does not notice one, it is counted as unnoticed,
-//! which is not a violation.
+//! Not every fault can be detected: the messages contain counts and epochs, and each number has its range, but a
+//! message has no checksum. TCP has a checksum, so a real cable does not produce a value that is wrong but valid
+//! (another waypoint within range, an input's bit). Such faults are injected nevertheless, because they must not do any
+//! harm: the requirements of the checks must be met, and the cell must recover. A fault that a cycle does not detect is
+//! counted as unnoticed, which is not a violation.
 //!
 //! Each cell has two addresses of its own, 127.net.place.1 and .2; parallel runs therefore need different values of
-//! `net`. `tried` tests the judges (its values are in `cable/tried.rs`): the controller's reports are changed before
-//! the judges receive them, and the judges must find each change. `keep` writes all messages to a folder.
+//! `net`. `tried` tests the checks themselves (its values are in `cable/tried.rs`): the controller's reports are
+//! changed before they are checked, and each change must be found. `keep` writes all messages to a folder.
 
 #[path = "arguments.rs"]
 mod arguments;
@@ -74,9 +74,9 @@ use table::{Outcome, Table};
 use tried::ReportChange;
 use truth::{Side, Truth};
 
-/// Number of scenarios: all pairs of kinds and moments, and more than a hundred additional ones.
+/// Number of scenarios: all pairs of kinds of faults and moments, and more than a hundred additional ones.
 const SCENARIOS: u64 = 316;
-/// Interval between the starts of the cells, so that not all of them compute at the same moment.
+/// Interval between the starts of the cells, so that they do not all compute at the same moment.
 const START_INTERVAL: Duration = Duration::from_millis(2_500);
 
 fn main() -> ExitCode {
@@ -104,7 +104,7 @@ fn main() -> ExitCode {
         }
     });
     let table = table.into_inner().unwrap_or_else(PoisonError::into_inner);
-    // With `tried`, the changed reports test the judges; their findings are not figures of the service.
+    // With `tried`, the changed reports test the checks; the findings are not figures of the service.
     if argument("tried").is_none() {
         let (violations, scenarios, worst_ms) = (table.violations(), table.scenarios(), table.worst_stop_ms());
         let found = format!("{violations} in {scenarios} scenarios");
@@ -117,7 +117,7 @@ fn main() -> ExitCode {
     if table.violations() == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }
 
-/// Returns one line for the scenario and one line for each of its violations.
+/// Returns one line for the scenario, and one line for each of its violations.
 fn line(scenario: &Scenario, outcome: &Outcome) -> String {
     let sent = if outcome.sent == 0 { "NOT SENT".to_owned() } else { format!("sent {}", outcome.sent) };
     let stop = outcome.worst_stop_ms.map(|ms| format!(", stop {ms:.0} ms")).unwrap_or_default();
@@ -170,9 +170,9 @@ fn run_scenario(prepared: &Prepared, place: u8, scenario: &Scenario) -> Outcome 
     }
 }
 
-/// Checks the records, the pages, the chain of the store, and the service's own log.
+/// Checks the records, the pages, the chain of the store, and the service's log.
 fn in_the_store(cell: &Prepared, course: &Course<'_>) -> Vec<String> {
-    // A page is made after the end of its cycle.
+    // The page of a cycle is created after the end of the cycle.
     let patience = Instant::now();
     let missing = || {
         let log = cell.log();
@@ -198,7 +198,7 @@ fn in_the_store(cell: &Prepared, course: &Course<'_>) -> Vec<String> {
     found
 }
 
-/// Writes all messages, the person's requests, and both logs.
+/// Writes all messages, the person's requests, and the logs of service and controller.
 fn keep(folder: &str, scenario: &Scenario, events: &[truth::Event], course: &Course<'_>, cell: &Prepared) {
     let mut text = format!("{scenario}\n{:?}\n", scenario.lie);
     for order in &course.person.orders {

@@ -19,17 +19,18 @@ use std::time::Instant;
 
 /// Number of seeds for lenses from rendered pictures, with 25 full-size pictures each.
 const RENDERED_LENSES: u64 = 8;
-/// Targets for the errors of mounts from rendered pictures, with the true lens (`TRUTH_…`) and with the calibrated lens
-/// (`OWN_MM`).
+/// Maximum error of a mount that is calibrated from rendered pictures with the true lens, mm.
 const TRUTH_MM: f64 = 0.06;
+/// Maximum error of such a mount, degrees.
 const TRUTH_DEG: f64 = 0.015;
+/// Maximum error of a mount that is calibrated from rendered pictures with the calibrated lens, mm.
 const OWN_MM: f64 = 0.10;
-/// Target for the error of a mount that is calibrated with a robot that is 0.5 mm off, mm.
+/// Maximum error of a mount that is calibrated with a robot with errors of 0.5 mm, mm.
 const BAD_ROBOT_MM: f64 = 0.6;
-/// Allowed range of the share of cases that a stated 95 % region contains: a smaller share is wrong, a larger one too
-/// cautious.
+/// Range of the fraction of cases in which the stated 95 % region must contain the true value. Below the range the
+/// stated region is too small, above it too large.
 const HELD: std::ops::RangeInclusive<f64> = 0.90..=0.99;
-/// Number of seeds to which the limits in mm apply.
+/// Number of seeds for which the limits in mm apply.
 const LIMIT_SEEDS: usize = 20;
 
 fn main() -> ExitCode {
@@ -79,7 +80,7 @@ fn finished(missed: usize) -> ExitCode {
     if missed == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }
 
-/// Returns the value below which this share of all values lies.
+/// Returns the quantile of the values for this fraction.
 fn share(values: &mut [f64], share: f64) -> f64 {
     values.sort_by(f64::total_cmp);
     values[((values.len() as f64 * share).ceil() as usize).clamp(1, values.len()) - 1]
@@ -90,10 +91,10 @@ fn row(name: &str, good: bool, numbers: &str) -> usize {
     usize::from(!good)
 }
 
-/// The numbers of a sweep over one mount and robot.
+/// The results of a sweep over one mount and robot.
 struct RegionFound {
     missed: usize,
-    /// Share of the seeds whose stated 95 % region contains the truth.
+    /// Fraction of the seeds whose stated 95 % region contains the true value.
     held: f64,
     /// Largest error of the first [`LIMIT_SEEDS`] seeds, mm.
     first_mm: f64,
@@ -111,7 +112,7 @@ fn regions_reported(regions: &[RegionFound], by_bad_robot_mm: f64) {
     what.report(&format!("{BAD_ROBOT_MM} mm"), &found, is_small);
 }
 
-/// The largest errors of mounts from rendered pictures.
+/// The largest errors of mounts that were calibrated from rendered pictures.
 struct MountFound {
     missed: usize,
     truth_mm: f64,
@@ -174,8 +175,8 @@ fn rendered<A: Side>(seeds: u64) -> MountFound {
     MountFound { missed, truth_mm: truth, truth_deg: deg, own_mm: own }
 }
 
-/// Calibrates lenses with 15 pictures and tests them with ten others: their corner errors must be as small as predicted
-/// from the left-out pictures.
+/// Calibrates lenses with 15 pictures and tests them with ten other pictures: the corner errors must be as small as
+/// predicted by the cross-validation.
 fn lenses<A: Side>(
     seeds: u64,
     name: &str,
@@ -221,7 +222,7 @@ fn lenses<A: Side>(
     row(&format!("{}, lenses of {seeds} seeds, {name}", A::NAME), is_held, &numbers)
 }
 
-/// Inserts a flipped board, two swapped pictures and a mistyped number; each must be found and named.
+/// Injects a flipped board, two exchanged pictures and a mistyped number; each must be found and named.
 fn faults<A: Side>(seeds: u64) -> usize {
     let named = |fault: usize| {
         let is_named = |seed: &u64| boards::is_named(&boards::faulty::<A>(*seed, fault), fault);

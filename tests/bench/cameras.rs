@@ -1,6 +1,6 @@
 //! The flange camera's link: transfers full-size colour pictures of the simulated cell by GigE Vision over loopback for
-//! SECONDS. Every picture is compared byte by byte, and every missing one is counted. `cargo bench --bench cameras --
-//! SECONDS`, 600 by default.
+//! SECONDS. Every picture is compared byte by byte, and every missing picture is counted. `cargo bench --bench cameras
+//! -- SECONDS`, 600 by default.
 
 #[path = "goal.rs"]
 mod goal;
@@ -16,7 +16,7 @@ use std::time::{Duration, Instant};
 
 const FORMAT: PixelFormat = PixelFormat::BayerRG8;
 const FRAMES_PER_S: f64 = 10.0;
-/// Largest allowed share of lost pictures: some losses are allowed, because the machine may be busy.
+/// Maximum fraction of lost pictures; some losses are accepted, because the machine may be busy.
 const MAX_LOST_SHARE: f64 = 0.05;
 
 fn main() -> ExitCode {
@@ -30,7 +30,7 @@ fn main() -> ExitCode {
     }
 }
 
-/// Writes a picture for this exposure: one of the cell's pictures, with the exposure's number in its first eight
+/// Writes the picture of this exposure: one of the cell's pictures, with the exposure's number in its first eight
 /// bytes.
 fn expose(pictures: &[Vec<u8>], exposure: u64, pixels: &mut [u8]) {
     let shown = &pictures[exposure as usize % pictures.len()];
@@ -78,7 +78,7 @@ fn run(span: Duration) -> Result<(), String> {
     let mut sent = vec![0; size_px[0] * size_px[1]];
     while begun.elapsed() < span {
         let frame = match camera.picture() {
-            // A busy machine may be late; missing pictures are counted.
+            // A busy machine may deliver late; missing pictures are counted.
             Err(GigeError::Timeout { .. }) => continue,
             taken => taken.map_err(|error| error.to_string())?,
         };

@@ -1,9 +1,10 @@
 //! Runs damaged scans, corner pictures and clips of the simulated cell through the stages. No damage may turn a broken
-//! film into a pass, or move the panel's pose by more than 0.02 mm without a report. A PNG's checksum reveals damage to
-//! the file. Damage to the pixels on their way from the camera, before the file is written, can be revealed only by the
-//! stages; the parts `pixels` and `film` test this. Noise over a corner's edge may move the corner a little. For the
-//! part `pixels` this distance is printed without a limit, because a camera's packets and files have checksums. `cargo
-//! bench --bench damage -- [scans=4000] [pictures=1000] [pixels=2500] [clips=500] [film=2000] [reduction=1] [seed=1]`
+//! film into a pass, or move the panel's pose by more than 0.02 mm without a report. Damage to a file is detected by
+//! the PNG's checksum. Damage to the pixels on their way from the camera, before the file is written, can be detected
+//! only by the stages; the parts `pixels` and `film` test this. Noise over a corner's edge may move the corner
+//! slightly. For the part `pixels` this distance is printed without a limit, because a camera's packets and files have
+//! checksums. `cargo bench --bench damage -- [scans=4000] [pictures=1000] [pixels=2500] [clips=500] [film=2000]
+//! [reduction=1] [seed=1]`
 
 #[path = "damage/bytes.rs"]
 mod bytes;
@@ -20,20 +21,21 @@ use rand_pcg::Pcg64;
 use std::process::ExitCode;
 use std::time::Instant;
 
-/// Largest distance of an accepted pose from the pose of the undamaged files at which it counts as equal, mm.
+/// Maximum distance of an accepted pose from the pose of the undamaged files at which the two poses are treated as
+/// equal, mm.
 const MAX_EQUAL_SHIFT_MM: f64 = 0.02;
 
-/// Results for the files with one kind of damage.
+/// Counts of the results for the files with one kind of damage.
 #[derive(Default)]
 struct Tally {
     files: usize,
-    /// The reader refused the damaged file.
+    /// Number of files that the reader refused.
     refused: usize,
-    /// The verdict is not an accept.
+    /// Number of results with another verdict than accept.
     reported: usize,
-    /// Accepted, with the same result as the undamaged files.
+    /// Number of accepted results that equal those of the undamaged files.
     harmless: usize,
-    /// Accepted, with another result than the undamaged files.
+    /// Number of accepted results that differ from those of the undamaged files.
     unnoticed: usize,
     /// The largest distance by which an accepted pose was moved, mm.
     moved_mm: f64,
@@ -111,7 +113,7 @@ fn main() -> ExitCode {
     if wrong == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }
 
-/// A function that returns the result of the stages on the files, one of which is damaged.
+/// A function that damages one of the files and returns the result of the stages.
 type Part = fn(&Held, &Damage, &mut Pcg64) -> Found;
 
 /// A function that damages the bytes of a file.
@@ -124,7 +126,7 @@ fn damaged(file: &[u8], damage: &Damage, draw: &mut Pcg64) -> Vec<u8> {
     bytes
 }
 
-/// Draws the index of one of these.
+/// Draws an index below `count`.
 fn one_of(count: usize, draw: &mut Pcg64) -> usize {
     draw.random_range(0..count)
 }

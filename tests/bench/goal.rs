@@ -1,5 +1,5 @@
-//! Reports the figures of `tests/bench/README.md`: one line for each, which `make bench-table` writes into the table of
-//! that page.
+//! Reports the figures of `tests/bench/README.md`: one line for each figure, which `make bench-table` writes into the
+//! table of that page.
 
 use std::io::Write as _;
 use std::path::Path;
@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 /// Number of figures of this run that missed their goal.
 static MISSED: AtomicUsize = AtomicUsize::new(0);
 
-/// Environment variables that change the conditions of a bench. A figure's command states those that are set.
+/// Environment variables that change the conditions of a bench. The command of a figure contains those that are set.
 const SETTINGS: [&str; 12] = [
     "CELLS",
     "CORRELATED",
@@ -24,19 +24,19 @@ const SETTINGS: [&str; 12] = [
     "SEED",
 ];
 
-/// A figure of the table by its name, "area: figure". Each name is a literal, since a test compares the names with the
-/// rows of the table.
+/// A figure of the table, by its name "area: figure". Each name is a literal, because a test compares the names with
+/// the rows of the table.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Figure(pub &'static str);
 
 impl Figure {
-    /// Reports the measured value with its goal; the goal "–" means that there is none. Returns `is_met`.
+    /// Reports the measured value with its goal; the goal "–" means that there is no goal. Returns `is_met`.
     pub fn report(self, goal: &str, found: &str, is_met: bool) -> bool {
         self.write(goal, found, if is_met { "ok" } else { "MISSED" });
         is_met
     }
 
-    /// Reports that the figure was not measured, because something that it needs is missing.
+    /// Reports that the figure was not measured because a prerequisite is missing.
     #[allow(dead_code, reason = "most benches need nothing that can be missing")]
     pub fn not_run(self, goal: &str) {
         self.write(goal, "not run", "not run");
@@ -44,12 +44,12 @@ impl Figure {
 
     fn write(self, goal: &str, found: &str, state: &str) {
         MISSED.fetch_add(usize::from(state == "MISSED"), Ordering::Relaxed);
-        // A debug build's times must not be compared with those of a release build unnoticed.
+        // The build is stated so that times of a debug build are not compared with those of a release build.
         let build = if cfg!(debug_assertions) { " (debug build)" } else { "" };
         let line = format!("GOAL\t{}\t{goal}\t{found}{build}\t{state}\t{}", self.0, command());
         println!("{line}");
         let Some(path) = std::env::var_os("GOALS") else { return };
-        // A long bench must not end because its figures cannot be written to the file; the line is also in its output.
+        // A long bench must not end because its figures cannot be written to the file; each line is also printed.
         if let Err(error) = add(path.as_ref(), &line) {
             eprintln!("{}: the figure cannot be kept for the table: {error}", path.to_string_lossy());
         }
@@ -68,14 +68,14 @@ fn add(path: &Path, line: &str) -> std::io::Result<()> {
     writeln!(std::fs::OpenOptions::new().create(true).append(true).open(path)?, "{line}")
 }
 
-/// Returns the larger number; NaN if one of them is NaN, so that a missing number stays missing and misses its goal.
+/// Returns the larger number, or NaN if one of them is NaN, so that a missing number misses its goal.
 #[allow(dead_code, reason = "not every bench looks for a worst number")]
 pub fn larger(a: f64, b: f64) -> f64 {
     if a.is_nan() || b.is_nan() { f64::NAN } else { a.max(b) }
 }
 
-/// Returns the command that measures this again, in the short form of the table: `NAME -- arguments` is `cargo bench
-/// --locked --bench NAME -- arguments`.
+/// Returns the command that repeats this measurement, in the short form of the table: `NAME -- arguments` is `cargo
+/// bench --locked --bench NAME -- arguments`.
 fn command() -> String {
     let mut arguments = std::env::args();
     let program = arguments.next().unwrap_or_default();

@@ -13,11 +13,11 @@ use panelprep::verdict::{Judgement, Reason, Verdict};
 use std::process::ExitCode;
 use std::time::Instant;
 
-/// Limit for the 95th percentile of the time of each kind of query, ms.
+/// Maximum 95th percentile of the time of each kind of query, ms.
 const P95_MAX_MS: f64 = 100.0;
 /// Number of queries of each kind.
 const QUERIES: usize = 100;
-/// Number of cycles for a trend; these cycles have as many findings as a real cycle.
+/// Number of cycles for a trend; each has as many findings as a real cycle.
 const TREND_CYCLES: usize = 200;
 const PANELS: [&str; 4] = ["door", "fin", "rib", "wing"];
 const VERDICTS: [Verdict; 4] = [Verdict::Pass, Verdict::Fail, Verdict::Reject, Verdict::Invalid];
@@ -46,7 +46,7 @@ fn reasons(index: usize) -> Vec<Reason> {
     }
 }
 
-/// Returns the usual findings of a cycle: a film over 24 grids and 60 more numbers.
+/// Returns the typical findings of a cycle: a film over 24 grids and 60 further values.
 fn findings(index: usize) -> Vec<Finding> {
     let accept = || Judgement { verdict: Verdict::Accept, reasons: vec![] };
     let residual = 0.05 + (index % 9) as f64 * 0.002;
@@ -90,8 +90,8 @@ fn write(store: &mut Store, cycles: usize) -> Result<(), panelprep::store::Store
     Ok(())
 }
 
-/// A kind of query: its name, a function that returns the query with this number, and one that returns the number of
-/// cycles that it must find.
+/// A kind of query: its name, a function that returns the query with this number, and a function that returns the
+/// number of cycles that the query must find.
 type QueryCase = (&'static str, fn(usize, usize) -> Query, fn(usize) -> usize);
 
 const PAGE: usize = 50;
@@ -171,7 +171,7 @@ fn main() -> ExitCode {
         missed += usize::from(at(0.95) > P95_MAX_MS);
         slowest_ms = f64::max(slowest_ms, at(0.95));
     }
-    // A query that finds wrong cycles misses the goal, however fast it is.
+    // A query that finds the wrong cycles misses the goal, independent of its time.
     let found = format!("{slowest_ms:.1} ms over {cycles} cycles, {missed} missed");
     let goal = format!("{P95_MAX_MS} ms, none missed");
     Figure("store: slowest of nine queries, p95").report(&goal, &found, missed == 0);

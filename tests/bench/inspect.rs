@@ -1,8 +1,9 @@
 //! Runs the water-break test on rendered clips of many seeds with all effects that make a film difficult to evaluate.
 //! The test also runs on clips of a second, optical renderer and on damaged clips, and its speed and memory are
 //! measured. `cargo bench --bench inspect -- [clips] [optics] [damage] [speed] [memory] [seeds=1-64] [reduction=1]
-//! [observed_s=20] [kind=clean]`: without a named part, all parts run; optics uses seeds 1 to 60 if none are given.
-//! `INSPECT` contains more lines for the recipe's table, `PICTURES` names a folder for the results.
+//! [observed_s=20] [kind=clean]`: without a named part, all parts run; optics uses seeds 1 to 60 unless seeds are
+//! given. The environment variable `INSPECT` contains additional lines for the recipe's table, `PICTURES` a folder for
+//! the results.
 
 #[path = "inspect/clips.rs"]
 mod clips;

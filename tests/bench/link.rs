@@ -1,8 +1,8 @@
-//! The robot link: the number of commands a second, the time from a lost acknowledgement to STOP on the wire, and long
-//! paths without a stop. Also measures the time of an abort while hostile clients use the service, and runs 200,000
-//! random walks over the controller's programs. Prints a table; exit code 1 if a target is missed. `cargo bench --bench
-//! link -- [TRIALS]`, only the aborts with `-- socket`, `-- page` or `-- disk`, only the walks with `-- programs
-//! [WALKS]`.
+//! The robot link: the number of commands per second, the time from a lost acknowledgement to STOP on the wire, and
+//! long paths without a stop. Also measures the time of an abort while hostile clients use the service, and runs
+//! 200,000 random walks over the controller's programs. Prints a table; exit code 1 if a target is missed. `cargo bench
+//! --bench link -- [TRIALS]`, only the aborts with `-- socket`, `-- page` or `-- disk`, only the walks with `--
+//! programs [WALKS]`.
 
 #[path = "../link/cell.rs"]
 #[allow(dead_code, reason = "the tests use the rest")]
@@ -40,7 +40,7 @@ use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// Commands per second at 8 commands in each tick of 12 ms.
+/// Commands per second with 8 commands in each tick of 12 ms.
 const TICK_COMMANDS_S: f64 = 8.0 / 0.012;
 const LOOPBACK_SHARE: f64 = 0.95;
 const VIRTUAL_COMMANDS_S: f64 = 100_000.0;
@@ -50,14 +50,14 @@ const MAX_BUSY_DELAY: Duration = Duration::from_millis(50);
 /// Time limit from the service's socket to the wire.
 const MAX_SOCKET_DELAY: Duration = Duration::from_millis(100);
 const SOCKET_TRIALS: usize = 500;
-/// Number of trials with a hanging disk; each takes longer than the time for which the disk hangs.
+/// Number of trials with a disk that hangs; each takes longer than the disk hangs.
 const HANGING_TRIALS: usize = 20;
-/// Number of people who watch the page.
+/// Number of clients that watch the page.
 const VIEWERS: usize = 20;
-/// Number of links that are tried at the same time; each has its own thread.
+/// Number of links that run at the same time, each in its own thread.
 const LINKS: usize = 8;
 const TIMEOUT: Duration = Duration::from_secs(20);
-/// A progress line is printed after each block of this number of random walks.
+/// Number of random walks after which a progress line is printed.
 const PROGRESS_WALKS: usize = 5_000;
 /// Number of random walks over the controller's shipped programs.
 const PROGRAM_WALKS: u64 = 200_000;
@@ -105,7 +105,7 @@ fn main() -> ExitCode {
     if missed == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }
 
-/// Runs seeded random walks of the client against the shipped programs, which are executed.
+/// Runs seeded random walks of the client against the controller's programs as shipped, which are executed.
 fn walks_of_the_programs(walks: u64) -> bool {
     let (shipped, started) = (programs::texts("config/kuka"), Instant::now());
     let loaded = programs::load(&shipped);
@@ -146,7 +146,7 @@ fn abort_by_socket() -> bool {
     report(("abort by the service's socket to the frame", figure), &among, found)
 }
 
-/// Measures an abort from the service's socket to the wire while the disk for the loop's journal hangs.
+/// Measures an abort from the service's socket to the wire while the disk of the journal hangs.
 fn abort_on_a_hanging_disk() -> bool {
     let found = link::socket::aborts_on_a_hanging_disk(HANGING_TRIALS);
     let disk = format!("a disk that hangs for {} s", link::socket::HANG_TIME.as_secs());
@@ -154,7 +154,7 @@ fn abort_on_a_hanging_disk() -> bool {
     report(("abort by the service's socket to the frame", figure), &disk, found)
 }
 
-/// Measures an abort from the operator's page to the wire, while others watch the page and one viewer reads nothing.
+/// Measures an abort from the operator's page to the wire, while others watch the page and one client reads nothing.
 fn abort_on_the_page() -> bool {
     let found = link::socket::aborts_on_the_page(SOCKET_TRIALS, VIEWERS);
     let figure = Figure("link: abort on the operator's page to the STOP frame, p99");
@@ -183,8 +183,7 @@ fn output(index: usize) -> Command {
     Command::SetDigout(Signal { number: 1, on: index.is_multiple_of(2) })
 }
 
-/// Measures the rate of commands without motion: client and controller in one thread, in virtual time, without
-/// sockets.
+/// Measures the rate of commands without motion: client and controller in one thread, in virtual time, without sockets.
 fn virtual_rate() -> bool {
     const COMMANDS: usize = 400_000;
     let mut cell = Cell::new(setup(Clock::Free), LinkLimits::default(), 1);
@@ -201,7 +200,7 @@ fn virtual_rate() -> bool {
         cell.run(12, &mut Blind);
     }
     let elapsed_s = started.elapsed().as_secs_f64();
-    // Other processes may also use the machine, so the thread's processor time is used if it is known.
+    // The thread's processor time is used if it is known, because other processes may use the machine.
     let core_s = processor_s().zip(began_s).map_or(elapsed_s, |(now_s, began_s)| now_s - began_s);
     let rate = COMMANDS as f64 / core_s;
     let reached = rate >= VIRTUAL_COMMANDS_S;
@@ -215,7 +214,7 @@ fn virtual_rate() -> bool {
     reached
 }
 
-/// Returns the processor time that this thread has used, as Linux counts it, s.
+/// Returns the processor time that this thread has used, s, as reported by Linux.
 fn processor_s() -> Option<f64> {
     let text = std::fs::read_to_string("/proc/thread-self/schedstat").ok()?;
     Some(text.split_whitespace().next()?.parse::<f64>().ok()? / 1e9)
@@ -236,7 +235,7 @@ fn open(link: &mut BlockingLink) {
     wait(link, |report| matches!(report, Report::EpochOpened { .. }));
 }
 
-/// Measures the rate of commands over loopback against the controller's own tick.
+/// Measures the rate of commands over loopback with the controller's own tick.
 fn loopback_rate() -> bool {
     const COMMANDS: usize = 6_000;
     let (_server, mut link) = served("");
@@ -260,8 +259,8 @@ fn loopback_rate() -> bool {
     reached
 }
 
-/// Measures the time from a command whose acknowledgement is lost to the abort at the other end, with this number
-/// of cores kept busy.
+/// Measures the time from a command whose acknowledgement is lost to the abort at the other end, with this number of
+/// busy cores.
 fn stop_latency((name, figure): (&str, Figure), trials: usize, busy: usize, spare: Duration) -> bool {
     let ends = AtomicBool::new(false);
     let mut found: Vec<Duration> = std::thread::scope(|scope| {
@@ -303,8 +302,8 @@ fn lose_acknowledgements(trials: usize) -> Vec<Duration> {
     let peer = Peer::start();
     let (command_port, state_port) = peer.ports();
     let address = Address { host: "127.0.0.1".to_owned(), command_port, state_port };
-    // The timeout is much longer than the time of a heartbeat and its answer, so that only the missing acknowledgement
-    // can cause the abort.
+    // The timeout is much longer than a heartbeat and its reply, so that only the missing acknowledgement can cause the
+    // abort.
     let limits =
         LinkLimits { watchdog: WATCHDOG_TIMEOUT, heartbeat: Duration::from_millis(8), ..LinkLimits::default() };
     let mut link = BlockingLink::start(address, limits, ClockMode::Wall).expect("starts");
@@ -333,7 +332,7 @@ fn lose_acknowledgements(trials: usize) -> Vec<Duration> {
     found
 }
 
-/// Returns points back and forth over 120 mm in steps of 3 mm at 150 mm/s: 20 ms each.
+/// Returns points back and forth over 120 mm in steps of 3 mm at 150 mm/s: 20 ms per step.
 fn meander(points: usize) -> Vec<MoveLin> {
     let row = pass(41, 3.0, false);
     let point = |index: usize| {

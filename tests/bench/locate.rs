@@ -34,7 +34,7 @@ mod teach;
 #[path = "locate/wet.rs"]
 mod wet;
 
-/// Number of seeds or scenes of each part, unless the command line states others.
+/// Default number of seeds of the part `good`; the following constants are those of the other parts.
 const GOOD_SEEDS: u64 = 200;
 const BAD_SCENES: u64 = 714;
 const BOW_SEEDS: u64 = 40;
@@ -42,12 +42,11 @@ const HELD_SEEDS: u64 = 25;
 const CORRELATED_SEEDS: u64 = 25;
 const WET_SEEDS: u64 = 100;
 const PEER_SCANS: u64 = 20;
-/// Largest error of an accepted pose that counts as right, mm. The following constants are the other targets and their
-/// conditions.
+/// Maximum error of an accepted pose that is correct, mm.
 const RIGHT_MM: f64 = 0.3;
 const ACCEPTED: f64 = 0.99;
-/// Target for the accepted share of all panels, including those whose visible surface and outline do not determine the
-/// pose well enough.
+/// Minimum accepted fraction of all panels, including those whose visible surface and outline do not determine the pose
+/// well enough.
 const ACCEPTED_OF_ALL: f64 = 0.97;
 const LARGE_MM: [f64; 2] = [250.0, 180.0];
 const LITTLE_HIDDEN: f64 = 0.05;
@@ -145,8 +144,8 @@ fn tried(trial: &TrialScene) -> Tried {
     located(trial, taught(trial))
 }
 
-/// Tries a trial with further keys of the recipe's panel. If the panel cannot be taught, prints why and returns
-/// `None`.
+/// Runs a trial with additional keys of the recipe's panel. If the panel cannot be taught, prints the reason and
+/// returns `None`.
 fn tried_with(trial: &TrialScene, keys: &str) -> Option<Tried> {
     let recipe = recipe(trial, keys);
     match TaughtPanel::learn(&trial.taught_scan(), *trial.camera(), trial.base_from_camera(), &recipe) {
@@ -162,13 +161,13 @@ fn located(trial: &TrialScene, taught: (TaughtPanel, Recipe)) -> Tried {
     located_with(trial, taught, (range_errors(), trial.base_from_camera()))
 }
 
-/// Returns the range errors that are assumed for a camera that was not measured; only the scale error is zero, because
-/// the camera has its true calibration.
+/// Returns the range errors that are assumed for a camera that was not measured, except for a scale error of zero,
+/// because the camera has its true calibration.
 fn range_errors() -> RangeErrors {
     RangeErrors { scale: 0.0, ..RangeErrors::default() }
 }
 
-/// Localizes a trial's panel with these known errors of the scans and this known mount of the camera.
+/// Locates a trial's panel with these known errors of the scans and this known mount of the camera.
 fn located_with(
     trial: &TrialScene,
     (panel, recipe): (TaughtPanel, Recipe),
@@ -203,7 +202,7 @@ fn quantile(values: &mut [f64], share: f64) -> f64 {
     values.get(((values.len().max(1) - 1) as f64 * share).round() as usize).copied().unwrap_or(f64::NAN)
 }
 
-/// Reports the share of a number of cases, with its lower target.
+/// Reports the fraction of a number of cases, with its minimum.
 fn shared(figure: Figure, part: usize, whole: usize, least: f64) {
     let found = format!("{part} of {whole}");
     figure.report(&format!("{} %", 100.0 * least), &found, whole > 0 && share(part, whole) >= least);
@@ -227,7 +226,7 @@ fn good(seeds: RangeInclusive<u64>) -> usize {
         let [length, width] = trial.size_mm();
         times.push(tried.elapsed_ms);
         let (Some(fit), Some(error)) = (&tried.fit, tried.error) else {
-            // A panel that was not found counts as one that should have been accepted.
+            // A panel that was not found is treated as one that should have been accepted.
             known += 1;
             println!(
                 "{seed:4}  {length:.0}×{width:.0}  {:.2}  not found: {}",
@@ -304,7 +303,7 @@ fn good(seeds: RangeInclusive<u64>) -> usize {
         + row(median_ms <= VERDICT_MS, &format!("scan in memory to verdict: median {median_ms:.0} ms"))
 }
 
-/// Tests scenes that must not be accepted, one of each kind in turn.
+/// Tests scenes that must not be accepted, one scene of each kind in turn.
 fn bad(scenes: RangeInclusive<u64>) -> usize {
     let kinds = SceneDefect::ALL.len() as u64;
     let count = scenes.clone().count();
@@ -319,7 +318,7 @@ fn bad(scenes: RangeInclusive<u64>) -> usize {
             _ => 2,
         };
         table[kind][at] += 1;
-        // It is not wrong to find the taught panel at its true pose; it is wrong to accept another kind of panel.
+        // Finding the taught panel at its true pose is not an error; accepting another kind of panel is.
         let other = !matches!(
             SceneDefect::ALL[kind],
             SceneDefect::Hidden
@@ -331,8 +330,8 @@ fn bad(scenes: RangeInclusive<u64>) -> usize {
                 | SceneDefect::Bent
                 | SceneDefect::Warped
         );
-        // The correct pose of a bent panel is the one at which the taught panel lies nearest to it. Along the panel's
-        // normal, the measured surface follows the bend.
+        // The correct pose of a bent panel is the one at which the taught panel fits it best. Along the panel's normal,
+        // the measured surface follows the bend.
         let error_mm = match SceneDefect::ALL[kind] {
             SceneDefect::Bent | SceneDefect::Warped => {
                 tried.fit.as_ref().and_then(|fit| trial.max_point_distance_mm(&fit.base_from_panel))

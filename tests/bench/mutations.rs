@@ -1,9 +1,9 @@
-//! Applies one change after another to the program's sources and runs worlds until a judge finds it: see
-//! `tests/world/mutations`. In a copy of the repository below `target/mutations` each change is made, the world is
-//! built and run, and the change is undone; the next world is built meanwhile. `cargo bench --profile dev --bench
-//! mutations -- [seeds=N] [limit_s=N] [from=N] [only=TEXT] [tree=FOLDER]`: number of seeds and time limit for each
-//! change, number of the first change, a part of a change's name, and the folder of the copy. Results of an earlier
-//! build there are used again.
+//! Applies one change (mutation) after another to the program's sources and runs simulated worlds until a check finds
+//! the mutation: see `tests/world/mutations`. In a copy of the repository below `target/mutations` each change is made,
+//! the world is built and run, and the change is undone; the next world is built in parallel. `cargo bench --profile
+//! dev --bench mutations -- [seeds=N] [limit_s=N] [from=N] [only=TEXT] [tree=FOLDER]`: number of seeds and time limit
+//! for each change, number of the first change, a part of a change's name, and the folder of the copy. Results of an
+//! earlier build in this folder are used again.
 
 #[path = "arguments.rs"]
 mod arguments;
@@ -19,12 +19,12 @@ use std::process::{Child, Command, ExitCode, Stdio};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// Time after its time limit at which a world that still runs counts as hanging, s.
+/// Time after its time limit at which a world that still runs is treated as hanging, s.
 const HANG_DELAY_S: u64 = 60;
 
 /// The result of a mutation.
 enum Outcome {
-    /// The number of seeds until the mutation was found, and the judge's message.
+    /// The mutation was found: the number of seeds that were needed, and the message of the check.
     Found(u64, String),
     NotFound(u64),
     /// The program does not end with this seed.
@@ -51,7 +51,7 @@ fn main() -> ExitCode {
     let mut running: Option<(&Mutation, JoinHandle<Outcome>)> = None;
     for mutation in &chosen {
         let built = bench.built(mutation);
-        // Only one world runs at a time, because the bench's two cores build and run.
+        // Only one world runs at a time, because two cores both build and run.
         report(running.take(), &mut tally);
         match built {
             Some(world) => running = Some((mutation, bench.run(mutation, world))),
@@ -90,8 +90,8 @@ fn report(running: Option<(&Mutation, JoinHandle<Outcome>)>, tally: &mut [usize;
     tally[kind] += 1;
 }
 
-/// Copies the files that git tracks in the repository. An unchanged file keeps its time, so that it is not compiled
-/// again.
+/// Copies the files that git tracks in the repository. The time of an unchanged file is kept, so that it is not
+/// compiled again.
 fn copy(from: &Path, to: &Path) -> std::io::Result<()> {
     let listed = Command::new("git").args(["ls-files", "-z"]).current_dir(from).output()?;
     for name in String::from_utf8_lossy(&listed.stdout).split_terminator('\0') {
@@ -117,7 +117,7 @@ fn put(path: &Path, text: &str) {
     std::fs::write(path, text).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
 }
 
-/// The place where changes are built and run, and the time limit.
+/// The folder in which changes are built and run, and the time limit.
 struct Bench {
     tree: PathBuf,
     target: PathBuf,
@@ -126,8 +126,8 @@ struct Bench {
 }
 
 impl Bench {
-    /// Builds the world with this change, as a separate file; `None` if the compiler refuses the change. The change
-    /// is undone afterwards.
+    /// Builds the world with this change, as a separate file; `None` if the compiler refuses the change. The change is
+    /// undone afterwards.
     fn built(&self, mutation: &Mutation) -> Option<PathBuf> {
         let shipped: BTreeMap<PathBuf, String> = mutation
             .edits()
@@ -149,8 +149,8 @@ impl Bench {
 
     fn build(&self) -> Option<PathBuf> {
         let mut cargo = Command::new("cargo");
-        // Cargo's variables about this bench's own package would make build scripts run again, and everything that
-        // depends on these scripts would be built again.
+        // Cargo's variables about this bench's own package are removed: with them build scripts would run again, and
+        // everything that depends on these scripts would be built again.
         for (name, _) in std::env::vars_os() {
             if ["CARGO_PKG_", "CARGO_MANIFEST_"].iter().any(|own| name.to_string_lossy().starts_with(own)) {
                 cargo.env_remove(name);
@@ -173,7 +173,7 @@ impl Bench {
         executable.filter(|_| built.status.success())
     }
 
-    /// Runs the mutation in a thread.
+    /// Runs the world with this mutation in a thread.
     fn run(&self, mutation: &Mutation, world: PathBuf) -> JoinHandle<Outcome> {
         let (first, step) = mutation.seeds;
         let child = Command::new(world)
@@ -190,7 +190,7 @@ impl Bench {
     }
 }
 
-/// Waits until a world ends or is killed, and evaluates what it printed.
+/// Waits until a world ends or is killed, and evaluates its output.
 fn outcome(mut child: Child, latest: Instant) -> Outcome {
     let (printed, errors) = (child.stdout.take().map(read), child.stderr.take().map(read));
     let mut hangs = false;

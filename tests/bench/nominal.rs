@@ -1,11 +1,11 @@
 //! Panels that were taught from their drawing and are bent by 0.2 to 3 mm: measures whether the error of the deviation
-//! from the drawing is within its stated uncertainty. For comparison, the plain point-to-mesh distance at the same pose
-//! is computed as CloudCompare does, and by Open3D if `PANELPREP_PEERS` names a Python that has it. Accuracy and time
-//! are measured in the same run. `cargo bench --bench nominal -- [FIRST-LAST]`; with `PANELPREP_REDUCTION` the pictures
-//! are smaller.
+//! from the drawing is within its stated uncertainty. For comparison, the simple point-to-mesh distance at the same
+//! pose is computed as in CloudCompare, and by Open3D if `PANELPREP_PEERS` names a Python with Open3D. Accuracy and
+//! time are measured in the same run. `cargo bench --bench nominal -- [FIRST-LAST]`; with `PANELPREP_REDUCTION` the
+//! pictures are smaller.
 //!
-//! The true deviation is that of the present panel from the taught one, placed by the pose that brings their points
-//! nearest to each other, at the middle of each place.
+//! The true deviation is that of the present panel from the taught panel at the best-fit pose of their points, at the
+//! centre of each cell.
 
 use goal::Figure;
 use mesh_distance::MeshDistance;
@@ -28,22 +28,22 @@ mod goal;
 #[path = "nominal/mesh_distance.rs"]
 mod mesh_distance;
 
-/// The share of the panel's length and width that the region covers.
+/// The fraction of the panel's length and width that the region covers.
 const REGION: f64 = 0.6;
 const BOW_MM: [f64; 2] = [0.2, 3.0];
 const WAVE_MM: [f64; 2] = [0.02, 0.2];
 const LENGTH_MM: [f64; 2] = [150.0, 600.0];
-/// The limits of the share of places that must be within the stated 95 %.
+/// Range of the fraction of cells whose error must be within the stated 95 % uncertainty.
 const WITHIN: RangeInclusive<f64> = 0.90..=0.99;
-/// Largest share of panels whose true profile is larger than its upper bound.
+/// Maximum fraction of panels whose true profile is larger than its upper bound.
 const MAX_UNBOUNDED_SHARE: f64 = 0.05;
 
 /// The results for one panel.
 #[derive(Default)]
 struct Compared {
-    /// Errors of the deviation, mm, with its uncertainty.
+    /// Errors of the deviation, mm, each with its uncertainty.
     map: Vec<[f64; 2]>,
-    /// Errors of the plain distance of the point nearest to the middle of each place, mm.
+    /// Errors of the simple distance of the point nearest to the centre of each cell, mm.
     plain_mm: Vec<f64>,
     /// Absolute errors of the distances that Open3D computes for the same points, mm.
     open3d_mm: Vec<f64>,
@@ -187,12 +187,13 @@ fn compare(trial: &TrialScene) -> Result<(Form, f64, Compared), String> {
     Ok((form, true_mm, compared))
 }
 
-/// Returns the frame of the drawn panel in that of the simulated one, which is the base at the nominal place.
+/// Returns the frame of the drawn panel in that of the simulated panel, which coincides with the base at the nominal
+/// pose.
 fn panel_from_panel(base_from_drawing: &Rigid<Base, Panel>) -> Rigid<Panel, Panel> {
     Rigid::from_isometry_unchecked(*base_from_drawing.isometry())
 }
 
-/// Returns the index of the point nearest to the middle of a place.
+/// Returns the index of the point nearest to the centre of a cell.
 fn nearest(points: &[TodaysPoint], place: &FormPlace) -> usize {
     let off = |point: &TodaysPoint| {
         (point.parameter().u - place.at.u).powi(2) + (point.parameter().v - place.at.v).powi(2)
@@ -214,7 +215,7 @@ fn open3d(part: &Part, points: &[TodaysPoint]) -> Option<(Vec<f64>, f64)> {
     std::fs::write(&file, given.to_string()).ok()?;
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/bench/nominal_peers.py");
     let output = Command::new(python).arg(script).arg(&file).output();
-    // The result is ignored: a leftover file is in the system's folder for temporary files.
+    // The result is ignored: a leftover file is inside of the system's folder for temporary files.
     let _ = std::fs::remove_file(&file);
     let text = String::from_utf8(output.ok()?.stdout).ok()?;
     let found: serde_json::Value = serde_json::from_str(text.lines().last()?).ok()?;

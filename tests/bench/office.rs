@@ -1,13 +1,13 @@
-//! Sends records to the office while all processes are repeatedly killed: `make bench-office`.
+//! Sends records to the office server while all processes are repeatedly killed: `make bench-office`.
 //!
 //! 50 cells, each a separate process with a real store and the service's sender, write the cycles of a day (144 each,
-//! one every ten minutes) as fast as possible. Meanwhile broker, database, archive and cells are killed 1,000 times in
-//! all, as a power cut does, and their network is cut and delayed. Afterwards `archive check` compares the archive with
-//! every store: no record is lost, none is stored twice, and all are in order. Then a single cell sends a backlog of
-//! 10,000 records at once, and 200 cycles with pictures as large as those of a real camera. Finally the response time
-//! of the office's pages is measured with a database of 1,000,000 records.
+//! one every ten minutes) as fast as possible. During this time broker, database, archive and cells are killed 1,000
+//! times in all, as by a power cut, and their network is cut and delayed. Afterwards `archive check` compares the
+//! archive with every store: no record is lost, none is stored twice, and all are in order. Then a single cell sends a
+//! backlog of 10,000 records at once, and 200 cycles with pictures as large as those of a real camera. Finally the
+//! response time of the office server's pages is measured with a database of 1,000,000 records.
 //!
-//! `CELLS`, `KILLS`, `CYCLES`, `RECORDS` and `SEED` change the numbers. The cells' clock is not simulated; only the
+//! `CELLS`, `KILLS`, `CYCLES`, `RECORDS` and `SEED` change these numbers. The cells' clock is not simulated; only the
 //! time between cycles is shorter.
 
 #[path = "office/cell.rs"]
@@ -89,7 +89,7 @@ impl Plant {
         Plant { folder, settings, broker, broker_port, database, archive }
     }
 
-    /// Returns what `archive check` reports for these cells; an error if it finds something.
+    /// Returns the report of `archive check` for these cells; an error if it finds a problem.
     fn check(&self, cells: &[(String, PathBuf)]) -> Result<serde_json::Value, String> {
         let output = Command::new(env!("CARGO_BIN_EXE_panelprep"))
             .args(["--json", "archive", "check", "--settings"])
@@ -125,7 +125,7 @@ impl Drop for Cells {
     }
 }
 
-/// Kills cells while they write, and also kills everything else in turn.
+/// Kills cells while they write, and also kills all other processes in turn.
 fn killed(programs: &Path, (count, kills, cycles): (usize, usize, usize), seed: u64) -> bool {
     let mut plant = Plant::start(programs);
     let network = Network::to(plant.broker_port, seed);
@@ -195,7 +195,7 @@ fn killed(programs: &Path, (count, kills, cycles): (usize, usize, usize), seed: 
                 "  everything was in the archive {:.0} s after the last kill",
                 begun.elapsed().as_secs_f64() - under_fire_s
             );
-            // `archive check` ends with an error if a record is missing, so here all records agree.
+            // `archive check` ends with an error if a record is missing, so all records agree here.
             let found = format!("{} of {records} after {kills} kills", records - same.min(records));
             LOST.report("0", &found, records == same && records > 0)
         }
@@ -207,8 +207,8 @@ fn killed(programs: &Path, (count, kills, cycles): (usize, usize, usize), seed: 
     }
 }
 
-/// Tests one cell that had no connection to the office for a long time: this number of records, two for each cycle,
-/// with pictures of this size.
+/// Tests one cell that had no connection to the office server for a long time: this number of records, two for each
+/// cycle, with pictures of this size.
 fn caught_up(programs: &Path, (records, picture_bytes): (usize, usize), wanted_s: Option<f64>) -> bool {
     let folder = tempfile::tempdir().expect("a folder");
     let store = folder.path().join("store");

@@ -1,5 +1,5 @@
-//! Runs public pictures of real boards and robots through the program's own commands: `make bench-real`. No
-//! pictures are stored here. A missing set is reported as "not run", and then the bench does not pass.
+//! Runs public pictures of real boards and robots through the program's own commands: `make bench-real`. No pictures
+//! are stored in this repository. A missing set is reported as "not run", and then the bench does not pass.
 //!
 //! - `target/opencv-doc`: pictures `left*.jpg` and `right*.jpg` of Debian's opencv-doc
 //! - `REAL=FOLDER`: a copy of ros-industrial/industrial_calibration (Apache-2.0), of which `examples/data` is read
@@ -35,7 +35,7 @@ fn main() -> ExitCode {
     if bad == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }
 
-/// Returns the pictures of a folder whose names have this beginning and end.
+/// Returns the pictures of a folder whose names have this prefix and suffix.
 fn pictures(folder: &Path, begin: &str, end: &str) -> Vec<PathBuf> {
     let is_one = |file: &PathBuf| {
         let name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
@@ -48,7 +48,7 @@ fn pictures(folder: &Path, begin: &str, end: &str) -> Vec<PathBuf> {
     all
 }
 
-/// Runs a command; returns its object, or its error message.
+/// Runs a command; returns its JSON object, or its error message.
 fn run(arguments: &str, files: &[PathBuf]) -> Result<(Value, f64), String> {
     let started = Instant::now();
     let output = Command::new(env!("CARGO_BIN_EXE_panelprep"))
@@ -98,7 +98,7 @@ fn lens(set: &str, files: &[PathBuf], board: &str, out: &Path) -> usize {
     usize::from(!good)
 }
 
-/// Calibrates the camera's mount, and the arm as far as the poses show it.
+/// Calibrates the camera's mount, and the arm as far as the poses determine it.
 fn mounted(set: &str, folder: &Path, board: &str, mount: &str, out: &Path) -> usize {
     let lens = out.join(format!("{set}.toml"));
     let Some(poses) = poses(folder).filter(|_| lens.is_file()) else {
@@ -133,7 +133,7 @@ fn mounted(set: &str, folder: &Path, board: &str, mount: &str, out: &Path) -> us
     }
 }
 
-/// Returns the set's poses as a poses file; the set states each as metres and a quaternion.
+/// Returns the set's poses as a poses file; the set has each pose in metres and as a quaternion.
 fn poses(folder: &Path) -> Option<String> {
     let count = pictures(&folder.join("images"), "", "png").len();
     let mut text = String::new();

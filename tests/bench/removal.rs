@@ -1,7 +1,7 @@
 //! Compares the removal model and its schedule with mr-sim and with a finer reference, and tests them on simulated
 //! panels whose coefficient is known only from coupons. `cargo bench --bench removal -- [PART…]`, parts `peers`,
-//! `finer`, `panels`, `speed`, `published`; without one, all. `make bench-removal` sets up mr-sim and names its Python
-//! in `PANELPREP_PEERS`. Exit code 1 if a target is missed.
+//! `finer`, `panels`, `speed`, `published`; without a part, all. `make bench-removal` sets up mr-sim and names its
+//! Python in `PANELPREP_PEERS`. Exit code 1 if a target is missed.
 
 #[path = "removal/finer.rs"]
 mod finer;
@@ -47,8 +47,9 @@ fn main() -> ExitCode {
     }
 }
 
-/// The tables of Technologies 2025, 13, 498 (primer, 20 N, 40 mm/s, 2000 rev/min, P80: 27.5 µm) are pictures. Its text
-/// contains only one depth, and one value cannot be used both to fit the model and to check it.
+/// Reports that published data cannot be compared. The tables of Technologies 2025, 13, 498 (primer, 20 N, 40 mm/s,
+/// 2000 rev/min, P80: 27.5 µm) are pictures. The text contains only one depth, and one value cannot be used both to fit
+/// the model and to check it.
 fn published() -> usize {
     println!(
         "   not run: of the published tables the one depth of the abstract is in text, the others are in pictures"
@@ -56,19 +57,19 @@ fn published() -> usize {
     0
 }
 
-/// Reports a figure with its upper target; a missing number misses the target.
+/// Reports a figure with its maximum; a missing number misses the target.
 fn most(figure: Figure, found: f64, most: f64, unit: &str) {
     figure.report(&format!("{most}{unit}"), &format!("{found:.3}{unit}"), found <= most);
 }
 
-/// Prints a number with its target; returns 1 if it misses the target.
+/// Prints a number with its maximum; returns 1 if it misses the target.
 fn held(what: &str, found: f64, most: f64, unit: &str) -> usize {
     let missed = found.is_nan() || found > most;
     println!("   {what}: {found:.3} {unit}, at most {most}{}", if missed { "  MISSED" } else { "" });
     usize::from(missed)
 }
 
-/// Prints a number with its lower target; returns 1 if it misses the target.
+/// Prints a number with its minimum; returns 1 if it misses the target.
 fn reached(what: &str, found: f64, least: f64, unit: &str) -> usize {
     let missed = found.is_nan() || found < least;
     println!("   {what}: {found:.3} {unit}, at least {least}{}", if missed { "  MISSED" } else { "" });

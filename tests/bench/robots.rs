@@ -9,12 +9,15 @@ use goal::{Figure, larger};
 use serde_json::Value;
 use std::process::{Command, ExitCode};
 
-/// The tool's rms deviation from the nominal pose for each arm, mm: very accurate, good, usual, bad.
+/// Rms deviation of the tool from its nominal pose for each arm, mm: very accurate, good, typical, bad.
 const ARMS_MM: [f64; 4] = [0.02, 0.1, 0.5, 1.6];
-/// Target for the error of a corrected arm at a touched point, mm; the next constants are its other targets.
+/// Maximum error of a corrected arm at a touched point, mm.
 const TOUCH_MAX_MM: f64 = 0.3;
+/// Maximum distance of the executed path from the true surface, mm.
 const SURFACE_MAX_MM: f64 = 0.5;
+/// Maximum error of the refined pose over the panel, mm.
 const REFINED_MAX_MM: f64 = 0.5;
+/// Minimum covered fraction of the treated area.
 const COVERAGE_MIN: f64 = 0.95;
 
 fn demo(seed: u64, reduction: u64, arm_mm: f64, uncorrected: bool) -> Value {
@@ -27,7 +30,7 @@ fn demo(seed: u64, reduction: u64, arm_mm: f64, uncorrected: bool) -> Value {
         .arg(&folder)
         .output()
         .expect("the program starts");
-    // The result is ignored: leftover files are in the system's folder for temporary files.
+    // The result is ignored: a leftover folder is inside of the system's folder for temporary files.
     let _ = std::fs::remove_dir_all(&folder);
     serde_json::from_slice(&output.stdout).unwrap_or_else(|_| {
         println!("{}", String::from_utf8_lossy(&output.stderr).lines().last().unwrap_or_default());
@@ -35,7 +38,7 @@ fn demo(seed: u64, reduction: u64, arm_mm: f64, uncorrected: bool) -> Value {
     })
 }
 
-/// The worst numbers of the corrected arms, mm; NaN if one is missing.
+/// The worst results of the corrected arms, mm; NaN if a result is missing.
 #[derive(Default)]
 struct Worst {
     touch_mm: f64,
@@ -43,7 +46,7 @@ struct Worst {
     refined_mm: f64,
 }
 
-/// Prints a row and adds the numbers of a corrected arm; returns false if a corrected arm misses a target.
+/// Prints a row and adds the results of a corrected arm; returns false if a corrected arm misses a target.
 fn row(seed: u64, arm_mm: f64, uncorrected: bool, result: &Value, worst: &mut Worst) -> bool {
     let number = |pointer: &str| result.pointer(pointer).and_then(Value::as_f64).unwrap_or(f64::NAN);
     let abrade = result["abrade"].as_array().cloned().unwrap_or_default();
@@ -57,7 +60,7 @@ fn row(seed: u64, arm_mm: f64, uncorrected: bool, result: &Value, worst: &mut Wo
         && surface <= SURFACE_MAX_MM
         && coverage >= COVERAGE_MIN
         && result["verdict"] == "pass";
-    // An arm that is rejected after its check by touching has not sanded and has done no harm.
+    // An uncorrected arm that is rejected after its check by touching has not sanded and has done no harm.
     let is_refused = uncorrected && result["verdict"] == "reject" && abrade.is_empty();
     let state = match (is_right, is_refused, uncorrected) {
         (true, ..) => "ok",

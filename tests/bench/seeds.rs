@@ -8,15 +8,18 @@ use goal::{Figure, larger};
 use serde_json::Value;
 use std::process::{Command, ExitCode};
 
-/// Targets for each seed, over the panel and for the path that the mock controller executed. The first two are for the
-/// errors of the located and of the refined pose, mm.
+/// Maximum error of the located pose over the panel, mm.
 const LOCATED_MAX_MM: f64 = 5.0;
+/// Maximum error of the refined pose over the panel, mm.
 const REFINED_MAX_MM: f64 = 1.5;
+/// Minimum covered fraction of the treated area.
 const COVERAGE_MIN: f64 = 0.95;
+/// Maximum distance of the executed path from the true surface, mm.
 const SURFACE_MAX_MM: f64 = 1.0;
+/// Maximum angle between the tool and the true normal on the executed path, degrees.
 const NORMAL_MAX_DEG: f64 = 1.0;
-/// Target for the duration of a demo on two cores, s. It is reported but not enforced, because the duration depends on
-/// other work on the machine.
+/// Maximum duration of a demo on two cores, s. It is reported but not enforced, because the duration depends on the
+/// load of the machine.
 const WALL_S: f64 = 90.0;
 
 fn demo(seed: u64, scene: &str, reduction: u64) -> Value {
@@ -27,7 +30,7 @@ fn demo(seed: u64, scene: &str, reduction: u64) -> Value {
         .arg(&folder)
         .output()
         .expect("the program starts");
-    // The result is ignored: leftover files are in the system's folder for temporary files.
+    // The result is ignored: a leftover folder is inside of the system's folder for temporary files.
     let _ = std::fs::remove_dir_all(&folder);
     serde_json::from_slice(&output.stdout).expect("one JSON object")
 }
@@ -55,12 +58,12 @@ fn main() -> ExitCode {
     if missed == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }
 
-/// The worst numbers of all seeds. A number that is missing in a result becomes NaN, stays NaN, and misses its target.
+/// The worst results of all seeds. A result that is missing is NaN, stays NaN, and misses its target.
 #[derive(Default)]
 struct Worst {
     located_mm: f64,
     refined_mm: f64,
-    /// 1 minus the share of the treated area that was covered.
+    /// Fraction of the treated area that was not covered.
     uncovered: f64,
     normal_deg: f64,
     surface_mm: f64,
@@ -91,7 +94,7 @@ impl Worst {
     }
 }
 
-/// Prints a seed's row and adds its numbers; returns false if it misses a target.
+/// Prints a seed's row and adds its results; returns false if it misses a target.
 fn row(seed: u64, result: &Value, worst: &mut Worst) -> bool {
     let number = |pointer: &str| result.pointer(pointer).and_then(Value::as_f64).unwrap_or(f64::NAN);
     let list = |name: &str| result[name].as_array().cloned().unwrap_or_default();
@@ -129,7 +132,7 @@ fn row(seed: u64, result: &Value, worst: &mut Worst) -> bool {
     );
     worst.located_mm = larger(worst.located_mm, number("/locate/error_max_mm"));
     worst.refined_mm = larger(worst.refined_mm, number("/refine/error_max_mm"));
-    // A seed without an abrasion has no values of these.
+    // A seed without sanding has no such results.
     let none = if abrade.is_empty() { f64::NAN } else { 0.0 };
     worst.uncovered = coverage.iter().fold(worst.uncovered + none, |most, share| larger(most, 1.0 - share));
     worst.normal_deg = normal.iter().copied().fold(worst.normal_deg + none, larger);

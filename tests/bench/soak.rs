@@ -1,15 +1,15 @@
 //! Runs a service for hours under all loads at once. Cycles run one after the other, each recorded, and an operator
-//! holds, stops and aborts some of them. There are readers of the page and its events, programs that poll the socket,
-//! and connections that are silent or send half a request. The service's memory and descriptors must not grow, and it
-//! must report to systemd's watchdog at least twice as often as required. Exit code 1 if one of these fails, a request
-//! was never answered, or the service ended by itself. `cargo bench --bench soak -- [minutes=120] [report_s=60]
+//! holds, stops and aborts some of them. Other clients read the page and its events, poll the socket, or open
+//! connections that are silent or send half a request. The service's memory and descriptors must not grow, and it must
+//! report to systemd's watchdog at least twice as often as required. Exit code 1 if one of these fails, a request was
+//! never answered, or the service ended by itself. `cargo bench --bench soak -- [minutes=120] [report_s=60]
 //! [pace=wall|line] [program=FILE]`
 //!
 //! In real time (`pace=wall`) the robot's controller is another process (`panelprep mock-robot`), and its panel is
 //! greasy only in the first cycle. With `pace=line` a simulated production line brings greasy parts in lock step, so
-//! that there are many more cycles, each with an abrasion. These cannot be recorded. The simulated controller is then a
-//! part of the service and keeps the log of all its motions (0.3 MB a cycle), so its memory is reported and not judged.
-//! `program` is another build of the program than this bench's own.
+//! that there are many more cycles, each with sanding. These cannot be recorded. The simulated controller is then a
+//! part of the service and keeps the log of all its motions (0.3 MB per cycle), so its memory is reported but not
+//! checked. `program` is another build of the program.
 
 #[path = "arguments.rs"]
 mod arguments;
@@ -41,14 +41,14 @@ use numbers::{Growth, Period, Sample};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-/// Interval between two samples of the process. It is short because memory is freed at the end of a cycle, and the
-/// next cycle may begin at once.
+/// Interval between two samples of the process. It is short because memory is freed at the end of a cycle, and the next
+/// cycle may begin at once.
 const SAMPLE_INTERVAL: Duration = Duration::from_millis(100);
-/// Limit for the growth of the memory that the process keeps, as a share of its size in an hour. If a picture of 400 kB
-/// stayed in memory from each of about 180 cycles, the growth would be more than thirty times as large. The store's
-/// page cache and the allocator's free lists are full after the first half, which is not judged.
+/// Maximum growth of the memory that the process keeps, as a fraction of its size per hour. If a picture of 400 kB
+/// remained in memory from each of about 180 cycles, the growth would be more than thirty times as large. The store's
+/// page cache and the allocator's free lists are full after the first half, which is not checked.
 const MAX_GROWTH_PER_HOUR: f64 = 0.01;
-/// Smallest slope that counts as growth, in units of its standard error.
+/// Minimum slope that is treated as growth, in units of its standard error.
 const MIN_SLOPE_ERRORS: f64 = 3.0;
 
 fn main() -> ExitCode {
@@ -112,8 +112,8 @@ fn judge(
             reported(false, format!("{name}: there are too few periods for a slope"));
             continue;
         };
-        // Memory may grow by a share of its size; for descriptors and threads, even one that is not released is too
-        // many.
+        // Memory may grow by a fraction of its size; for descriptors and threads, a single one that is not released is
+        // too many.
         let most = least.unwrap_or(MAX_GROWTH_PER_HOUR * growth.mean);
         let grows = growth.an_hour > most && growth.an_hour > MIN_SLOPE_ERRORS * growth.standard_error;
         let text = format!(

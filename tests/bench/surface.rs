@@ -1,7 +1,7 @@
 //! Measures the accuracy and speed of the surface and of the paths over it on full-size scans, compared with geomdl and
 //! scipy in the same run. `cargo bench --bench surface -- [PART…] [SEEDS]`, parts `fit`, `evaluate`, `paths`,
-//! `patterns`, `attitudes`, `gauntlet`; without one, all. `make bench-surface` sets up the peers and names their Python
-//! in `PANELPREP_PEERS`. Exit code 1 if a target is missed.
+//! `patterns`, `attitudes`, `gauntlet`; without a part, all. `make bench-surface` sets up the peers and names their
+//! Python in `PANELPREP_PEERS`. Exit code 1 if a target is missed.
 
 #[path = "surface/accuracy.rs"]
 mod accuracy;
@@ -24,16 +24,19 @@ use std::hint::black_box;
 use std::process::ExitCode;
 use std::time::Instant;
 
-/// Number of seeds for the scans that test accuracy; `PATHS` is the number of random paths.
+/// Number of seeds for the scans that test accuracy.
 const SEEDS: u64 = 20;
+/// Number of random paths.
 const PATHS: usize = 100_000;
 
 const PARTS: [&str; 6] = ["fit", "evaluate", "paths", "patterns", "attitudes", "gauntlet"];
-/// Number of the demo's seeds on which every pattern is planned; `DISCS_MM` has the disc diameters, mm.
+/// Number of the demo's seeds on which every pattern is planned.
 const DEMO_SEEDS: u64 = 10;
+/// Diameters of the discs with which every pattern is planned, mm.
 const DISCS_MM: [f64; 5] = [20.0, 30.0, 40.0, 50.0, 60.0];
-/// Goals over all plans; the limits of the plans' own gates are at least as strict.
+/// Minimum coverage of all plans; the limits of the plan checks are at least as strict.
 const COVERAGE_MIN: f64 = 0.995;
+/// Maximum distance between adjacent lines, mm.
 const STEP_MAX_MM: f64 = 12.0;
 
 fn main() -> ExitCode {
@@ -63,18 +66,18 @@ fn main() -> ExitCode {
     }
 }
 
-/// Prints a time with its target. The time on the processors must meet the target; the wall clock's time depends on
-/// other work on the machine.
+/// Prints a time with its maximum. The processor time must meet the target; the wall-clock time depends on the load of
+/// the machine.
 fn held_time(what: &str, found: &Timed, most_ms: f64) -> usize {
     held(&format!("{what} ({:.1} ms by the wall clock)", found.wall_ms), found.share_ms, most_ms, "ms")
 }
 
-/// Reports a figure with its upper target; a missing number misses the target.
+/// Reports a figure with its maximum; a missing number misses the target.
 fn most(figure: Figure, found: f64, most: f64, unit: &str) {
     figure.report(&format!("{most}{unit}"), &format!("{found:.3}{unit}"), found <= most);
 }
 
-/// Prints a number with its target; returns 1 if it misses the target.
+/// Prints a number with its maximum; returns 1 if it misses the target.
 fn held(what: &str, found: f64, most: f64, unit: &str) -> usize {
     let missed = found.is_nan() || found > most;
     println!("   {what}: {found:.4} {unit}, at most {most}{}", if missed { "  MISSED" } else { "" });
@@ -83,10 +86,10 @@ fn held(what: &str, found: f64, most: f64, unit: &str) -> usize {
 
 /// Median duration of a computation, ms.
 struct Timed {
-    /// Time by the wall clock, which includes other work on the machine, ms.
+    /// Wall-clock time, which includes other work on the machine, ms.
     wall_ms: f64,
-    /// Time on the processors of all threads together, divided by the number of threads, ms. It is the wall clock's
-    /// time on an idle machine on which all threads work all the time.
+    /// Processor time of all threads together, divided by the number of threads, ms. It equals the wall-clock time on
+    /// an idle machine if all threads work all the time.
     share_ms: f64,
 }
 
@@ -102,14 +105,14 @@ fn timed<T>(runs: usize, mut work: impl FnMut() -> T) -> Timed {
     Timed { wall_ms: median(&mut walls).unwrap_or(f64::NAN), share_ms: median(&mut shares).unwrap_or(f64::NAN) }
 }
 
-/// Times a computation that runs on one thread: `share_ms` is then this thread's processor time.
+/// Measures a computation that runs on one thread: `share_ms` is then this thread's processor time.
 fn timed_alone<T>(runs: usize, work: impl FnMut() -> T) -> Timed {
     let threads = std::thread::available_parallelism().map_or(1.0, |threads| threads.get() as f64);
     let Timed { wall_ms, share_ms } = timed(runs, work);
     Timed { wall_ms, share_ms: share_ms * threads }
 }
 
-/// Returns the time that all threads have spent on processors, as the kernel counts it, ms.
+/// Returns the processor time of all threads, ms, as reported by the kernel.
 fn cpu_time_ms() -> f64 {
     let tasks = std::fs::read_dir("/proc/self/task").into_iter().flatten().flatten();
     let text = |task: std::fs::DirEntry| std::fs::read_to_string(task.path().join("schedstat")).unwrap_or_default();
@@ -117,8 +120,8 @@ fn cpu_time_ms() -> f64 {
     spent.sum::<f64>() / 1e6
 }
 
-/// Plans every pattern over every single grid, pair, L and row of the demo's panels and over all grids, with discs
-/// of 20 to 60 mm.
+/// Plans every pattern over every single grid, pair, L-shape and row of the demo's panels and over all grids, with
+/// discs of 20 to 60 mm.
 fn every_pattern(seeds: u64) -> usize {
     let rows = patterns::run((1..=seeds, 1), &DISCS_MM, |_, _| true);
     println!(
@@ -153,7 +156,7 @@ fn every_pattern(seeds: u64) -> usize {
     faults.len()
 }
 
-/// Sends good paths, and the same paths with one defect each, through every gate.
+/// Sends valid paths, and the same paths with one defect each, through all acceptance checks.
 fn random_paths() -> usize {
     let outcome = gauntlet::run(PATHS);
     println!("   {PATHS} good paths, {} of them refused; and each once with one defect:", outcome.refused.len());

@@ -1,5 +1,6 @@
-//! Writes the figures that benches reported into the table of `tests/bench/README.md`: `make bench-table`. `GOALS` names the file
-//! in which the benches collected their `GOAL` lines; its name is the commit that was measured. The file is removed afterwards.
+//! Writes the figures that benches reported into the table of `tests/bench/README.md`: `make bench-table`. `GOALS`
+//! names the file to which the benches wrote their `GOAL` lines; its name is the commit that was measured. The file is
+//! removed afterwards.
 
 #[path = "table/rows.rs"]
 mod rows;

@@ -1,6 +1,6 @@
 //! Simulates each fault of the tool's link at waypoints along the whole path, with the program as a user runs it. The
 //! mock controller's log gives the time from the fault until the sander is off, or the path leaves the panel by itself,
-//! and until the disc is lifted. `cargo bench --bench tool_faults -- [EVERY]`: at every EVERYth waypoint in contact;
+//! and until the disc is retracted. `cargo bench --bench tool_faults -- [EVERY]`: at every EVERYth waypoint in contact;
 //! without a number, every twelfth. Exit code 1 if a target is missed.
 
 #[path = "goal.rs"]
@@ -11,9 +11,9 @@ use rayon::prelude::*;
 use serde_json::Value;
 use std::process::{Command, ExitCode};
 
-/// Longest time from the fault until the tool's output is off, or until the path leaves the panel, ms.
+/// Maximum time from the fault until the tool's output is off, or until the path leaves the panel, ms.
 const MAX_OFF_MS: u64 = 500;
-/// The faults, and the code that reports each.
+/// The injected faults, and the code with which each must be reported.
 const FAULTS: [(&str, &str); 10] = [
     ("link-cut", "tool_link"),
     ("silent", "tool_link"),
@@ -31,7 +31,7 @@ const FAULTS: [(&str, &str); 10] = [
 /// only when the surface is no longer at this position.
 const STUCK: &str = "stuck";
 
-/// Runs the demo with this fault; `None` runs it without a fault.
+/// Runs the demo with this injected fault; `None` runs it without a fault.
 fn demo(fault: Option<&str>) -> Value {
     let name = fault.unwrap_or("none").replace(['@', '='], "-");
     let folder = std::env::temp_dir().join(format!("panelprep-tool-faults-{}-{name}", std::process::id()));
@@ -41,7 +41,7 @@ fn demo(fault: Option<&str>) -> Value {
         command.args(["--tool-fault", fault]);
     }
     let output = command.output().expect("the program starts");
-    // The result is ignored: leftover files are in the system's folder for temporary files.
+    // The result is ignored: a leftover folder is inside of the system's folder for temporary files.
     let _ = std::fs::remove_dir_all(&folder);
     serde_json::from_slice(&output.stdout).expect("one JSON object")
 }
@@ -80,7 +80,7 @@ fn main() -> ExitCode {
         let rows: Vec<Row> = places.par_iter().map(|from| row(fault, *from)).collect();
         missed += line(fault.0, &rows);
         if fault.0 != STUCK {
-            // A run that reports no time counts as later than every limit.
+            // A run without a reported time is treated as later than every limit.
             let ended = rows.iter().map(|row| ended_ms(row).unwrap_or(u64::MAX));
             longest = ended.fold(longest, |longest, ms| Some(longest.unwrap_or(0).max(ms)));
         }
@@ -96,16 +96,16 @@ fn main() -> ExitCode {
     if missed == 0 && contacts > 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }
 
-/// Returns the time from the fault to the end of the sanding, ms: when the tool was off, or when the path left the
-/// panel if that was earlier.
+/// Returns the time from the fault to the end of the sanding, ms: until the tool was off, or until the path left the
+/// panel if this was earlier.
 fn ended_ms(row: &Row) -> Option<u64> {
     row.off_ms.or(row.lifted_ms)
 }
 
 /// Prints a fault's line; returns the number of runs that missed the target.
 fn line(fault: &str, rows: &[Row]) -> usize {
-    // A tool that is stuck at its expected position cannot be detected until the surface is no longer there; the log
-    // does not contain that time.
+    // A tool that is stuck at its expected position cannot be detected until the surface is no longer at this position;
+    // the log does not contain that time.
     let in_time = |row: &Row| fault == STUCK || ended_ms(row).is_some_and(|ms| ms <= MAX_OFF_MS);
     let holds = |row: &&Row| row.code.is_some() && in_time(row);
     let missed: Vec<String> = rows.iter().filter(|row| !holds(row)).map(|row| row.from.to_string()).collect();

@@ -1,8 +1,7 @@
-//! Compares areas around breaks (`[treat] by = "break"`) with whole grids: the surface under the disc, the time of the
-//! paths, and the breaks that are left. Part `plans` plans over many films with grids of three sizes; part `cycles`
-//! runs whole cycles on the simulated cell. `cargo bench --bench treat -- plans cycles seeds=60 from=1 reduction=4
-//! minutes=15`; without a part, both. With `minutes` no new cycle begins after this time. Exit code 1 if a target is
-//! missed.
+//! Compares areas around breaks (`[treat] by = "break"`) with whole grids: the sanded surface, the time of the paths,
+//! and the breaks that remain. Part `plans` plans over many films with grids of three sizes; part `cycles` runs whole
+//! cycles on the simulated cell. `cargo bench --bench treat -- plans cycles seeds=60 from=1 reduction=4 minutes=15`;
+//! without a part, both. With `minutes` no new cycle begins after this time. Exit code 1 if a target is missed.
 
 #[path = "arguments.rs"]
 mod arguments;

@@ -1,6 +1,6 @@
-//! Measures the 3D camera's worker (`make bench-worker`): the transfer of a full-size shot through its socket, compared
-//! with a plain copy of the same number of bytes. A worker is also killed two hundred times. Recorded shots are
-//! replayed without a camera, so these numbers do not include the SDK.
+//! Measures the 3D camera's worker process (`make bench-worker`): the transfer of a full-size shot through its socket,
+//! compared with a simple copy of the same number of bytes. A worker is also killed two hundred times. Recorded shots
+//! are replayed without a camera, so these numbers do not include the SDK.
 //!
 //! `cargo bench --bench worker -- [shots] [kills]`
 
@@ -17,7 +17,7 @@ use rand::SeedableRng;
 use std::time::{Duration, Instant};
 
 const FULL: [usize; 2] = [1944, 1200];
-/// Bytes of a full-size shot: x, y, z and signal to noise as f32, and three colours.
+/// Size of a full-size shot, bytes: x, y, z and signal to noise as f32, and three colours per pixel.
 const BYTES: usize = 1944 * 1200 * (12 + 3 + 4);
 const MAX_MS: f64 = 30.0;
 const TIMEOUT: Duration = Duration::from_secs(120);

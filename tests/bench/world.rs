@@ -1,10 +1,10 @@
-//! Runs worlds of many seeds: see `tests/world`. Prints a table of the counts; exit code 1 if a judge found something.
-//! `cargo bench --bench world -- [seeds=N] [from=N] [imagine_every=N]` (power cuts are imagined in each nth world
-//! only), one seed with `-- seed=N`, one script with `-- seed=N script='[…]'`; inserted mistakes: `-- sabotage
+//! Runs simulated worlds of many seeds: see `tests/world`. Prints a table of the counts; exit code 1 if a check found a
+//! violation. `cargo bench --bench world -- [seeds=N] [from=N] [imagine_every=N]` (power cuts are simulated in each nth
+//! world only), one seed with `-- seed=N`, one script with `-- seed=N script='[…]'`; inserted errors: `-- sabotage
 //! [seeds=N]`, one of them with `-- mistake='NAME' …`; processes of the system that are killed at any moment: `--
-//! kills=N [from=N]`; each nth seed until a judge finds something or the time is over, without a search for the
+//! kills=N [from=N]`; each nth seed until a check finds a violation or the time is over, without a search for the
 //! shortest script, as `tests/bench/mutations.rs` runs it: `-- until-wrong [seeds=N] [from=N] [step=N] [limit_s=N]`,
-//! with a mistake if one is named.
+//! with an inserted error if one is named.
 
 #[path = "arguments.rs"]
 mod arguments;
@@ -30,7 +30,7 @@ use world::{Counts, SABOTAGES, Sabotage, World};
 /// Goal for the number of cycles per second; it is reported but not enforced, because it depends on the machine.
 const CYCLES_A_SECOND: f64 = 200.0;
 
-/// Returns the mistake that is to be inserted, if one is requested.
+/// Returns the error to be inserted, if one is requested.
 fn mistake() -> Option<Sabotage> {
     let name = argument("mistake")?;
     let known = SABOTAGES.iter().find(|(known, _)| *known == name);
@@ -62,7 +62,7 @@ fn main() -> ExitCode {
     let mut wrong = 0;
     let sabotage = mistake();
     let imagine_every = number("imagine_every").unwrap_or(1).max(1);
-    // The pictures and results that all worlds share exist after the first half of the worlds.
+    // The pictures and results that all worlds share are computed in the first half of the worlds.
     let warm = from + count / 2;
     let mut before = held();
     for seed in from..from + count {
@@ -104,7 +104,7 @@ fn main() -> ExitCode {
     println!("pictures that are kept for all worlds: {pictures}, {} MB", bytes / 1_000_000);
     let grows = count >= 1_000 && (memory_kb > before.0 + before.0 / 4 || descriptors > before.1);
     let (cpu_s, cycles) = (cpu_s(), counts.cycles);
-    // Runs with a single seed, a given script or an inserted mistake measure no figure of the table.
+    // Runs with a single seed, a given script or an inserted error measure no figure of the table.
     if number("seed").is_none() && argument("script").is_none() && sabotage.is_none() {
         let found = format!("{wrong} in {count} worlds, {cycles} cycles");
         Figure("world: violations").report("0", &found, wrong == 0 && cycles > 0);
@@ -119,8 +119,7 @@ fn main() -> ExitCode {
     if wrong == 0 && !grows { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }
 
-/// Runs this number of seeds, each a step above the previous one, until a judge finds something or the time is
-/// over.
+/// Runs this number of seeds, each a step above the previous one, until a check finds a violation or the time is over.
 fn until_wrong((from, count): (u64, u64), step: u64, limit_s: Option<u64>) -> ExitCode {
     let (begun, sabotage) = (Instant::now(), mistake());
     let is_over = || limit_s.is_some_and(|limit_s| begun.elapsed().as_secs() >= limit_s);
@@ -134,14 +133,14 @@ fn until_wrong((from, count): (u64, u64), step: u64, limit_s: Option<u64>) -> Ex
     ExitCode::SUCCESS
 }
 
-/// Makes loops over data run in this thread too, so that a world is one thread and its processor time can be
+/// Makes parallel loops run in the calling thread, so that a world is one thread and its processor time can be
 /// measured.
 fn alone() {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread();
     pool.build_global().unwrap_or_else(|error| panic!("{error}"));
 }
 
-/// Processor time that the process has used so far, s.
+/// Returns the processor time that the process has used so far, s.
 fn cpu_s() -> f64 {
     // The 12th and 13th field after the name in brackets, in hundredths of a second.
     let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
@@ -158,10 +157,10 @@ fn held() -> (u64, usize) {
     (kb.unwrap_or(0), descriptors)
 }
 
-/// Number of worlds that fill the shared pictures and results before the first process is copied.
+/// Number of worlds that compute the shared pictures and results before the first process is copied.
 const KEPT_WORLDS: u64 = 200;
 
-/// Kills processes at any moment.
+/// Kills processes at random moments.
 fn kills(from: u64, count: u64) -> ExitCode {
     // OpenCV's loops would run in threads, which a copy of the process does not have.
     opencv::core::set_num_threads(0).unwrap_or_else(|error| panic!("{error}"));
@@ -190,7 +189,7 @@ fn kills(from: u64, count: u64) -> ExitCode {
     if killed.violations.is_empty() { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }
 
-/// Runs each mistake; prints the number of seeds until it was found.
+/// Runs worlds with each inserted error; prints the number of seeds until it was found.
 fn sabotage(from: u64, seeds: u64) -> ExitCode {
     let mut missed = 0;
     for (name, sabotage) in SABOTAGES {

@@ -1,5 +1,5 @@
 //! Calibrates with wrong inputs: every mistake, many seeds, both mounts. Each wrong input must be refused and its
-//! mistake named, and the right input must be accepted. `cargo bench --bench wrong_inputs -- seeds=20 from=1`.
+//! mistake named, and the correct input must be accepted. `cargo bench --bench wrong_inputs -- seeds=20 from=1`.
 
 mod arguments;
 #[path = "../boards.rs"]
@@ -19,10 +19,10 @@ use rayon::prelude::*;
 use std::ops::RangeInclusive;
 use std::process::ExitCode;
 
-/// Minimum share of the refused inputs whose message names the actual mistake.
+/// Minimum fraction of the refused inputs whose message names the actual mistake.
 const MIN_NAMED_SHARE: f64 = 0.95;
 
-/// A person's mistake, and words of the message that names it.
+/// A mistake by a person, and words of the message that names it.
 struct Mistake {
     name: &'static str,
     named: &'static str,
@@ -37,7 +37,7 @@ enum Kind {
     Early,
     Mirrored,
     Lens(f64),
-    /// A base frame or a tool is set in the controller, and no approximate mount is stated.
+    /// A base frame or a tool is set in the controller, and the approximate mount is not given.
     Unseen(fn(&Isometry3<f64>) -> Isometry3<f64>),
     Right,
 }
@@ -141,7 +141,7 @@ fn corners<C: Frame>(
     stations.iter().map(changed).collect()
 }
 
-/// Calibrates with an input; returns the verdict and all words of the messages.
+/// Calibrates with an input; returns the verdict and the words of all messages.
 fn judged<A: Side>(seed: u64, mistake: &Mistake) -> (Verdict, String) {
     let cell = boards::cell(seed, GOOD_ROBOT);
     let shots = A::shots(&cell, POSES);
@@ -190,7 +190,7 @@ fn judged<A: Side>(seed: u64, mistake: &Mistake) -> (Verdict, String) {
     }
 }
 
-/// Returns a row of the table: the number of seeds that were accepted, and the number whose mistake was named.
+/// Returns a row of the table: the number of seeds that were accepted, and the number of those whose mistake was named.
 fn row<A: Side>(seeds: &RangeInclusive<u64>, mistake: &Mistake) -> [usize; 2] {
     let all: Vec<(Verdict, String)> =
         seeds.clone().into_par_iter().map(|seed| judged::<A>(seed, mistake)).collect();

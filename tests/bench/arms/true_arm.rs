@@ -1,5 +1,5 @@
-//! The true arm: a chain of Denavit–Hartenberg frames with parameters that have errors, compliant axes, which bend
-//! under the weight of the links, and gears with errors that depend on the angle.
+//! The true arm: a chain of Denavit–Hartenberg frames with erroneous parameters, compliant axes that bend under the
+//! weight of the links, and gears with errors that depend on the angle.
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use panelprep::cell::ArmGeometry;
@@ -31,14 +31,13 @@ impl Link {
 pub struct TrueArm {
     geometry: ArmGeometry,
     links: [Link; 6],
-    /// Compliance of axes 2 to 5, rad for each N·m.
+    /// Compliance of axes 2 to 5, rad per N·m.
     yields: [f64; 4],
-    /// Error of each gear: amplitude, rad, phase, and number of periods in one revolution.
+    /// Error of each gear: amplitude, rad, phase, and number of periods in one rotation.
     gears: [(f64, f64, f64); 6],
 }
 
-/// Mass of the parts that hang on axes 2, 3 and 5, kg, and the position of its centre along these parts, as a share of
-/// their length.
+/// Masses that axes 2, 3 and 5 carry, kg.
 const MASSES_KG: [f64; 3] = [9.0, 8.0, 5.0];
 
 impl TrueArm {
@@ -62,7 +61,7 @@ impl TrueArm {
         }
     }
 
-    /// Creates an arm with random errors; those under load and of the gears are larger if `is_hard`.
+    /// Creates an arm with random errors. With `is_hard`, the errors under load and those of the gears are larger.
     pub fn random(geometry: ArmGeometry, random: &mut Pcg64, is_hard: bool) -> Self {
         let mut arm = TrueArm::drawn(geometry);
         let mut within = |reach: f64| (2.0 * random.random::<f64>() - 1.0) * reach;
@@ -74,7 +73,7 @@ impl TrueArm {
         }
         arm.links[1].d_mm = geometry.b_mm;
         arm.links[1].beta = within(0.03f64.to_radians());
-        // 0.3 mm at the end of the extended arm, most of it from axis 2.
+        // Up to 0.3 mm at the end of the extended arm, mostly from axis 2.
         let most = if is_hard { 1.0 } else { 0.5 };
         let share = |within: &mut dyn FnMut(f64) -> f64| 0.5 + 0.5 * within(1.0).abs();
         arm.yields = [3.0e-6, 4.0e-6, 3.0e-6, 5.0e-6].map(|most_yield| most * most_yield * share(&mut within));
@@ -84,7 +83,7 @@ impl TrueArm {
         arm
     }
 
-    /// Returns the true pose of the flange.
+    /// Returns the true pose of the flange at these axis angles.
     pub fn base_from_flange(&self, joints: &Joints) -> Isometry3<f64> {
         let all = joints.degrees();
         let g = &self.geometry;
@@ -93,7 +92,7 @@ impl TrueArm {
         for (angle, (amplitude, phase, periods)) in q.iter_mut().zip(&self.gears) {
             *angle += amplitude * (periods * *angle + phase).sin();
         }
-        // The moments of the links' weights about axes 2 to 5 in the arm's current pose, N·m.
+        // The moments of the links' weights about axes 2 to 5 at the arm's current pose, N·m.
         let frames = self.frames(&q);
         let middles = [
             frames[0].translation.vector * 0.55 + frames[1].translation.vector * 0.45,
@@ -115,7 +114,7 @@ impl TrueArm {
         self.frames(&q)[5]
     }
 
-    /// Returns the frame after each axis.
+    /// Returns the frame behind each axis.
     fn frames(&self, q: &[f64; 6]) -> [Isometry3<f64>; 6] {
         let mut at = Isometry3::identity();
         std::array::from_fn(|axis| {

@@ -1,5 +1,5 @@
-//! Runs a scenario from the service's start to the end of a cycle without a lie: waits for the moment, has the lie
-//! sent, and sends the person's request that the scenario states.
+//! Runs a scenario from the service's start to the end of a cycle without a fault: waits for the scenario's moment,
+//! injects the fault, and sends the person's request of the scenario.
 
 use super::liar::Liar;
 use super::lie::{Kind, Moment, Scenario};
@@ -24,10 +24,10 @@ pub struct Course<'c> {
 }
 
 impl Course<'_> {
-    /// Runs the whole course.
+    /// Runs the whole scenario.
     ///
     /// # Errors
-    /// If the service does not recover.
+    /// If the service does not recover from the fault.
     pub fn run(&mut self) -> Result<(), String> {
         match self.scenario.moment {
             Moment::Connect => self.at_connect()?,
@@ -44,7 +44,7 @@ impl Course<'_> {
         self.person.honest_cycle()
     }
 
-    /// Waits for the controller's first state. Lies of most kinds begin before the service is started.
+    /// Waits for the controller's first state. Faults of most kinds begin before the service is started.
     fn at_connect(&mut self) -> Result<(), String> {
         let since = Instant::now();
         while self.truth.last().is_none() && since.elapsed() < Duration::from_secs(3) {
@@ -56,7 +56,7 @@ impl Course<'_> {
         self.wait_for_end(Instant::now())
     }
 
-    /// Returns whether a lie of this kind needs an existing connection.
+    /// Returns whether a fault of this kind needs an existing connection.
     pub fn begins_late(&self) -> bool {
         matches!(self.scenario.lie.kind, Kind::Close | Kind::OldBytes)
     }
@@ -81,8 +81,8 @@ impl Course<'_> {
         Ok(())
     }
 
-    /// If the cycle ends before the moment because the machine is busy, or because no break is found, another cycle is
-    /// begun.
+    /// If the cycle ends before the moment, because the machine is busy or because no break is found, another cycle is
+    /// started.
     fn within_a_cycle(&mut self, moment: Moment) -> Result<(), String> {
         let film = if self.scenario.needs_contact() { ONE_BREAK } else { NO_BREAK };
         let awaited = if moment == Moment::Stop { self.scenario.amid } else { moment };
@@ -120,7 +120,7 @@ impl Course<'_> {
         self.wait_for_end(since)
     }
 
-    /// Waits until the lie is over, and sends the person's request meanwhile.
+    /// Waits until the fault is over, and sends the person's request during this time.
     fn wait_for_end(&mut self, since: Instant) -> Result<(), String> {
         if let Some((word, after_ms)) = self.scenario.press {
             thread::sleep(Duration::from_millis(after_ms).saturating_sub(since.elapsed()));

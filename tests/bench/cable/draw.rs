@@ -1,9 +1,9 @@
-//! The source of a scenario's random numbers, from the bench's seed and the scenario's number.
+//! The random numbers of a scenario, from the bench's seed and the scenario's number.
 
 use rand::RngExt;
 use rand_pcg::Pcg64;
 
-/// A source of drawn numbers.
+/// A generator of random numbers.
 #[derive(Debug, Clone)]
 pub struct Draw(Pcg64);
 
@@ -12,12 +12,12 @@ impl Draw {
         Draw(Pcg64::new(seed.into(), number.into()))
     }
 
-    /// Draws a number below this one.
+    /// Draws a number from 0 to `end` − 1.
     pub fn below(&mut self, end: u64) -> u64 {
         self.0.random_range(0..end.max(1))
     }
 
-    /// Returns a number from the first to the last, including both.
+    /// Draws a number from `first` to `last`, including both.
     pub fn between(&mut self, first: u64, last: u64) -> u64 {
         self.0.random_range(first..=last)
     }

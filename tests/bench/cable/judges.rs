@@ -1,13 +1,13 @@
-//! The judges: requirements on the arm and its outputs, checked with the controller's own reports, whatever the service
-//! received.
+//! The checks of a scenario: requirements on the arm and its outputs. They use the controller's own reports, and not
+//! the messages that the service received.
 //!
-//! 1. An ended epoch moves nothing: while the controller reports that it has stopped, the arm stands still, except
-//!    for braking and the retract.
-//! 2. A stop that a person pressed stops the controller within [`STOP_MS`], by its request, by closing the connection,
+//! 1. An ended epoch moves nothing: while the controller reports that it has stopped, the arm is at rest, except for
+//!    braking and the retraction.
+//! 2. A stop that a person requests stops the controller within [`STOP_MS`], by the request, by closing the connection,
 //!    or by the watchdog.
 //! 3. Tool and water are off after the end of an epoch, and while the client is silent; outputs that may stay on are
-//!    off when their time has passed. A stop in contact is followed by a retract, and the tool never stays on
-//!    the panel without motion.
+//!    off after their time limit. A stop in contact is followed by a retraction, and the tool never stays on the panel
+//!    without motion.
 //! 4. A cycle passes only if the controller has executed every waypoint in contact that the service sent.
 
 use super::lie::{Kind, Lie};
@@ -15,36 +15,38 @@ use super::person::{Cycle, Order};
 use super::truth::{Contacts, EXTRACTION, Event, LIGHT, Side, State, TOOL, WATER, contacts, states};
 use std::collections::BTreeMap;
 
-/// Time from full speed to standstill, ms; `RETRACT_MS` is the time to move 50 mm away from the panel. Both are as
-/// in `tests/link/oracles.rs`.
+/// Time from full speed to standstill, ms, as in `tests/link/oracles.rs`.
 const BRAKE_MS: f64 = 260.0;
+/// Time of a retraction of 50 mm, ms, as in `tests/link/oracles.rs`.
 const RETRACT_MS: f64 = 800.0;
-/// Timeout of the controller's and of the client's watchdog, ms; `WIRE_MS` is the time from the socket to the wire.
+/// Timeout of the controller's and of the client's watchdog, ms.
 const WATCHDOG_MS: f64 = 400.0;
+/// Maximum time from the socket to the wire, ms.
 const WIRE_MS: f64 = 100.0;
-/// Additional time that is allowed because a dozen processes share two cores, ms.
+/// Additional time, ms, because a dozen processes share two cores.
 const MACHINE_DELAY_MS: f64 = 400.0;
-/// Time limit for a stop. The client notices a lost abort after its watchdog's time. Then the client closes the
-/// connection, or the controller's watchdog notices that its messages are missing.
+/// Time limit for a stop, ms. The client detects a lost abort after its watchdog's timeout. Then the client closes the
+/// connection, or the controller's watchdog detects that messages are missing.
 pub const STOP_MS: f64 = WIRE_MS + WATCHDOG_MS + WATCHDOG_MS + MACHINE_DELAY_MS;
-/// Largest time from one state to the next, ms; states are sent every 100 ms.
+/// Maximum time from one state to the next, ms; states are sent every 100 ms.
 const MAX_STATE_INTERVAL_MS: f64 = 112.0;
 /// Contact without motion.
 const DWELL_MS: f64 = 200.0;
 const MAX_STILL_DEG: f64 = 0.01;
-/// Smallest rotation of an axis that counts as a retract; a retract of 50 mm rotates some axis by several degrees.
+/// Minimum rotation of an axis that is treated as a retraction, degrees; a retraction of 50 mm rotates at least one
+/// axis by several degrees.
 const MIN_RETRACT_DEG: f64 = 1.0;
-/// Time after which the extraction must be off, from `[io.off_after_s]` of a rendered cell, ms.
+/// Time after which the extraction must be off, ms: `[io.off_after_s]` of a rendered cell.
 const EXTRACTION_MS: f64 = 30_000.0;
 const LIGHT_MS: f64 = 60_000.0;
 
-/// The findings of the judges.
+/// The results of the checks of a scenario.
 #[derive(Debug, Default)]
 pub struct Judged {
     pub violations: Vec<String>,
     pub worst_stop_ms: Option<f64>,
-    /// Number of commands in contact that were changed on their way and executed, in a cycle that passed. The protocol
-    /// cannot reveal such a change.
+    /// Number of commands in contact that were changed in transmission and executed, in a cycle that passed. The
+    /// protocol cannot detect such a change.
     pub unnoticed: usize,
 }
 
@@ -57,7 +59,7 @@ impl Judged {
     }
 }
 
-/// Returns the times at which the controller's own log reports the stop of an epoch, by its own clock, ms.
+/// Returns the times at which the controller's log reports the stop of an epoch, ms of the controller's clock.
 pub fn logged_stops(log: &str) -> Vec<f64> {
     let of = |line: &str| {
         let (seconds, rest) = line.trim().split_once(" s ")?;
@@ -89,7 +91,7 @@ fn ended_epochs(judged: &mut Judged, states: &[State], contacts: &Contacts) {
     for [before, state] in states.array_windows() {
         if !state.stopped() {
             since_ms = None;
-            // The arm may be moving to a point in contact that the controller has already received.
+            // The arm may still move to a contact point that the controller has already received.
             let is_near = contacts.contains_key(&(state.epoch, state.done))
                 || contacts.range((state.epoch, state.done)..=(state.epoch, i64::MAX)).next().is_some();
             ends_ms = BRAKE_MS + MAX_STATE_INTERVAL_MS + if is_near { RETRACT_MS } else { 0.0 };
@@ -114,7 +116,7 @@ fn ended_epochs(judged: &mut Judged, states: &[State], contacts: &Contacts) {
     }
 }
 
-/// Returns whether a state is safe: the arm may still brake or retract, but no new motion begins.
+/// Returns whether a state is safe: the arm may brake or retract, but no new motion begins.
 fn is_safe(state: &State) -> bool {
     state.stopped() || !(state.moving() || state.is_on(TOOL) || state.is_on(WATER))
 }
@@ -130,8 +132,8 @@ fn presses(judged: &mut Judged, states: &[State], stops_ms: &[f64], lie: &Lie, o
             states.iter().filter(|state| state.at_ms > press.at_ms && state.at_ms < end_ms).collect();
         let Some(last) = after.iter().rposition(|state| !is_safe(state)) else { continue };
         let stood_ms = after.get(last + 1).map(|state| state.at_ms);
-        // If the connection was lost first, the time of the stop is in the controller's own log; the last state gives
-        // the offset of the two clocks.
+        // If the connection was lost first, the time of the stop is in the controller's log; the last state gives the
+        // offset between the two clocks.
         let offset_ms = after[last].at_ms - after[last].time_ms;
         let logged_ms =
             stops_ms.iter().map(|at| at + offset_ms).find(|at| *at >= press.at_ms - MAX_STATE_INTERVAL_MS);
@@ -148,8 +150,8 @@ fn presses(judged: &mut Judged, states: &[State], stops_ms: &[f64], lie: &Lie, o
     }
 }
 
-/// Checks that the controller, while tool or water is on, does not wait longer than its watchdog for a message of
-/// the client.
+/// Checks that the controller does not wait longer than its watchdog's timeout for a message of the client while tool
+/// or water is on.
 fn silence(judged: &mut Judged, states: &[State], events: &[Event]) {
     let given: Vec<f64> =
         events.iter().filter(|event| event.side == Side::Given).map(|event| event.at_ms).collect();

@@ -1,4 +1,4 @@
-//! Sends the lie: decides what happens to each message between the service and the controller.
+//! Injects the fault: decides what happens to each message between the service and the controller.
 
 use super::draw::Draw;
 use super::lie::{Change, Kind, Lie, Way};
@@ -7,15 +7,15 @@ use std::collections::VecDeque;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Number of messages that are stored for each direction.
+/// Number of messages that are stored per direction, to be sent again later.
 const REMEMBERED: usize = 40;
-/// Text between messages that neither a controller nor the service would send.
+/// Invalid bytes between messages, which neither a controller nor the service would send.
 const GARBAGE: [&[u8]; 6] = [b"xyz", b"<a/>", b"</St>", b"<", b"\xff\xfe<", b"<!DOCTYPE a [<!ENTITY b \"c\">]>"];
 
-/// Data that is forwarded.
+/// The data that is sent instead of a message.
 #[derive(Debug)]
 pub enum Piece {
-    /// Bytes that are sent with this additional delay.
+    /// Bytes that are sent after this additional delay.
     Bytes(Duration, Vec<u8>),
     /// The request to close both ends of the connection.
     Close,
@@ -33,13 +33,13 @@ struct ActiveLie {
 #[derive(Debug)]
 struct Inside {
     active: Option<ActiveLie>,
-    /// Number of changes that were made to messages on their way.
+    /// Number of messages that were changed.
     count: u64,
     memory: [VecDeque<Vec<u8>>; 4],
     draw: Draw,
     /// Bytes of an old connection that are sent first on the next connection.
     replayed: Option<(Way, Vec<u8>)>,
-    /// Time until which no connection is accepted.
+    /// For each channel, the time until which no connection is accepted.
     refused_until: [Option<Instant>; 2],
 }
 
@@ -56,7 +56,7 @@ impl Liar {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Begins to send the lie.
+    /// Begins to inject this fault.
     pub fn begin(&self, lie: &Lie) {
         let mut inside = self.lock();
         if lie.kind == Kind::OldBytes {
@@ -77,7 +77,7 @@ impl Liar {
             Some(ActiveLie { lie: lie.clone(), since: Instant::now(), left: lie.times, held: None, kept: None });
     }
 
-    /// Ends the lie: from now on messages pass unchanged.
+    /// Ends the fault: from now on messages are forwarded unchanged.
     pub fn end(&self) {
         let mut inside = self.lock();
         (inside.active, inside.replayed, inside.refused_until) = (None, None, [None; 2]);
@@ -91,7 +91,7 @@ impl Liar {
         self.lock().count
     }
 
-    /// Returns whether the whole lie has been sent.
+    /// Returns whether the fault has been injected completely.
     pub fn is_over(&self) -> bool {
         self.lock().active.as_ref().is_none_or(|active| active.left == 0 || active.is_late())
     }
@@ -100,7 +100,7 @@ impl Liar {
         self.lock().refused_until[channel].is_some_and(|until| Instant::now() < until)
     }
 
-    /// Returns the bytes that a new connection carries before anything else, if there are any.
+    /// Returns the bytes that are sent first on a new connection, if there are any.
     pub fn beginning(&self, way: Way) -> Option<Vec<u8>> {
         let mut inside = self.lock();
         let (_, bytes) = inside.replayed.take_if(|(of, bytes)| *of == way && !bytes.is_empty())?;
@@ -108,7 +108,7 @@ impl Liar {
         Some(bytes)
     }
 
-    /// Applies the lie to a message; returns the pieces that are sent in its place.
+    /// Applies the fault to a message. Returns the data that is sent instead of the message.
     pub fn pass(&self, way: Way, document: Vec<u8>) -> Vec<Piece> {
         let mut inside = self.lock();
         let memory = &mut inside.memory[way as usize];
@@ -146,7 +146,7 @@ impl ActiveLie {
     }
 }
 
-/// Returns whether the request stops an epoch or opens one.
+/// Returns whether the message is a request that stops or opens an epoch.
 fn is_order(document: &[u8]) -> bool {
     matches!(message::whole(&String::from_utf8_lossy(document), "Op"), 11 | 12)
 }
@@ -216,7 +216,7 @@ impl Inside {
                 let Some(old) = old else { return vec![now(document)] };
                 match lie.counts_go_on {
                     true => keeping(&old, &text, &["Seq", "Re", "T"]),
-                    // The old message is inserted after the true one.
+                    // The old message is sent after the true message.
                     false => format!("{text}{old}"),
                 }
             }
@@ -226,7 +226,7 @@ impl Inside {
             _ => changed(&text, lie.field, lie.change).unwrap_or_else(|| text.clone()),
         };
         if changed == text {
-            // The message is unchanged, so no lie was sent.
+            // The message is unchanged, so the fault was not injected.
             self.count -= 1;
             active.left = active.left.saturating_add(1);
         }
@@ -234,7 +234,7 @@ impl Inside {
     }
 }
 
-/// Returns the document with these values replaced by those of another one.
+/// Returns the document with these values replaced by those of another document.
 fn keeping(document: &str, other: &str, names: &[&str]) -> String {
     names.iter().fold(document.to_owned(), |text, name| {
         let value = message::value(other, name).unwrap_or_default();

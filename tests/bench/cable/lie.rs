@@ -1,6 +1,5 @@
-//! Defines a scenario: which lie is sent, when, in which direction, and whether a person presses something
-//! meanwhile. Everything is drawn from the bench's seed and the scenario's number, so that one scenario can be run
-//! again.
+//! Defines a scenario: the fault that is injected, its moment and direction, and an optional request of a person during
+//! the fault. Everything is drawn from the bench's seed and the scenario's number, so that a scenario can be repeated.
 
 use super::draw::Draw;
 use std::fmt;
@@ -17,7 +16,7 @@ pub enum Way {
 impl Way {
     pub const ALL: [Way; 4] = [Way::Commands, Way::Acknowledgements, Way::Requests, Way::States];
 
-    /// Returns the channel's number: 0 is the command port, 1 the state port.
+    /// Returns the channel's number: 0 for the command channel, 1 for the state channel.
     pub fn channel(self) -> usize {
         usize::from(matches!(self, Way::Requests | Way::States))
     }
@@ -29,7 +28,7 @@ impl Way {
 
 macro_rules! kinds {
     ($($name:ident $words:literal,)*) => {
-        /// The kinds of lies.
+        /// The kinds of faults.
         #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
         pub enum Kind { $($name,)* }
 
@@ -68,7 +67,7 @@ kinds! {
     RequestField "a request's field",
 }
 
-/// The moment at which the lie is sent.
+/// The moment at which the fault is injected.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Moment {
     Contact,
@@ -96,12 +95,12 @@ impl Moment {
     ];
 }
 
-/// How a value is changed.
+/// The way in which a value is changed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Change {
     Set(&'static str),
     Add(f64),
-    /// One bit of an integer is inverted.
+    /// This bit of an integer is inverted.
     Turn(u32),
 }
 
@@ -109,18 +108,19 @@ pub enum Change {
 pub struct Lie {
     pub kind: Kind,
     pub way: Way,
-    /// Whether both channels are affected, if that makes a difference.
+    /// Whether both channels are affected; without a meaning for some kinds.
     pub both: bool,
-    /// Longest time for which the lie is sent, ms; `times` is the largest number of times that it is sent.
+    /// Maximum duration of the fault, ms.
     pub lasts_ms: u64,
+    /// Maximum number of times that the fault is injected.
     pub times: u64,
     /// The length of a delay or a pause, ms.
     pub amount_ms: u64,
     pub field: &'static str,
     pub change: Change,
-    /// Whether the message's counts continue correctly; if not, the lie has its second form.
+    /// Whether the counts in the changed messages continue correctly.
     pub counts_go_on: bool,
-    /// Whether the lie affects only the requests that stop or open an epoch.
+    /// Whether only the requests that stop or open an epoch are affected.
     pub of_orders: bool,
 }
 
@@ -129,11 +129,11 @@ pub struct Scenario {
     pub number: u64,
     pub lie: Lie,
     pub moment: Moment,
-    /// The phase in which the stop occurs, if the moment is the stop itself.
+    /// The phase in which the stop occurs, if the scenario's moment is a stop.
     pub amid: Moment,
-    /// Time from the scenario's moment to the beginning of the lie, ms.
+    /// Time from the scenario's moment to the beginning of the fault, ms.
     pub after_ms: u64,
-    /// The request that a person sends, and its time after the beginning of the lie, ms.
+    /// The request that a person sends, and its time after the beginning of the fault, ms.
     pub press: Option<(&'static str, u64)>,
     pub draw: Draw,
 }
@@ -179,7 +179,7 @@ fn change(field: &str, draw: &mut Draw) -> Change {
 }
 
 impl Scenario {
-    /// Draws a scenario. All pairs of kinds and moments come first; everything else is random.
+    /// Draws a scenario. The first scenarios are all pairs of kinds and moments; everything else is random.
     pub fn drawn(seed: u64, number: u64) -> Self {
         let mut draw = Draw::new(seed, number);
         let kinds = Kind::ALL.len() as u64;
@@ -188,7 +188,7 @@ impl Scenario {
         let mut lie = Lie::drawn(kind, moment, &mut draw);
         let press = match (moment, draw.below(5) < 2) {
             (Moment::Stop, _) => Some(0),
-            // While the service connects, and in idle, there is no motion to stop.
+            // While the service connects, and in idle, there is no motion that could be stopped.
             (Moment::Connect | Moment::Idle | Moment::Clear, _) | (_, false) => None,
             (_, true) => Some(draw.between(20, lie.lasts_ms.clamp(100, 900))),
         };
@@ -199,7 +199,7 @@ impl Scenario {
         Scenario { number, lie, moment, amid, after_ms, press, draw }
     }
 
-    /// Returns whether the panel must be greasy in this scenario so that it is abraded.
+    /// Returns whether the panel must be greasy in this scenario, so that it is sanded.
     pub fn needs_contact(&self) -> bool {
         let is_contact = |moment| matches!(moment, Moment::Contact | Moment::Retract);
         is_contact(self.moment) || (self.moment == Moment::Stop && is_contact(self.amid))
@@ -242,7 +242,7 @@ impl Lie {
             Kind::Stall | Kind::BlackHole => draw.choose(&[150, 300, 390, 500, 1_000, 2_500]),
             Kind::Refuse => draw.choose(&[300, 1_500, 4_000]),
             Kind::Frozen | Kind::Clock => draw.choose(&[250, 600, 1_500, 4_000]),
-            // The lie lasts until it has been sent this number of times.
+            // The fault ends when it has been injected this number of times.
             _ if times < u64::MAX => 5_000,
             _ => draw.choose(&[1_000, 2_000, 3_000]),
         };

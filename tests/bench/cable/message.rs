@@ -1,19 +1,19 @@
 //! Handles messages as text: divides a stream into documents, and reads and replaces single values. The bench has its
-//! own reader, so that mistakes of the program's reader are not hidden. It relies on each document ending with the end
-//! tag of its root, as both sides write it.
+//! own reader, so that errors of the program's reader are not hidden. It relies on each document ending with the end
+//! tag of its root element, as both sides write it.
 
 const ENDS: [&[u8]; 4] = [b"</Cmd>", b"</Ack>", b"</Req>", b"</St>"];
-/// More than the size of any message; longer input without an end is discarded.
+/// Maximum size of a message, bytes; longer input without an end is discarded.
 const MAX_BYTES: usize = 65_536;
 
-/// Divides a stream into documents.
+/// Divides a stream of bytes into documents.
 #[derive(Debug, Default)]
 pub struct Splitter {
     rest: Vec<u8>,
 }
 
 impl Splitter {
-    /// Adds bytes; returns the documents that these bytes complete.
+    /// Adds bytes. Returns the documents that these bytes complete.
     pub fn push(&mut self, bytes: &[u8]) -> Vec<Vec<u8>> {
         self.rest.extend_from_slice(bytes);
         let mut documents = Vec::new();
@@ -32,7 +32,7 @@ fn end_of(bytes: &[u8], end: &[u8]) -> Option<usize> {
     bytes.windows(end.len()).position(|window| window == end).map(|at| at + end.len())
 }
 
-/// Returns the position of an attribute's value in the text; `Base/X` is the attribute X of the element Base.
+/// Returns the start and end of an attribute's value in the text; `Base/X` is the attribute X of the element Base.
 fn place(document: &str, name: &str) -> Option<(usize, usize)> {
     let (element, attribute) = name.split_once('/').unwrap_or(("", name));
     let from = if element.is_empty() { 0 } else { document.find(&format!("<{element} "))? };
@@ -48,12 +48,12 @@ pub fn number(document: &str, name: &str) -> Option<f64> {
     value(document, name)?.parse().ok()
 }
 
-/// Returns the value as an integer; 0 if it is not one.
+/// Returns an attribute's value as an integer; 0 if it is not an integer.
 pub fn whole(document: &str, name: &str) -> i64 {
     value(document, name).and_then(|text| text.parse().ok()).unwrap_or(0)
 }
 
-/// Returns the document with another value of this name.
+/// Returns the document with another value of this attribute.
 pub fn replaced(document: &str, name: &str, by: &str) -> Option<String> {
     let (start, end) = place(document, name)?;
     Some(format!("{}{by}{}", &document[..start], &document[end..]))

@@ -1,5 +1,5 @@
-//! The simulated person at the cell, who uses only the socket: reads the state of the cell, clears, resets, starts and
-//! stops it, and records the time of each request and the end of each cycle.
+//! The simulated person at the cell, who uses only the socket: reads the state of the cell, sends clear, reset, start
+//! and stop, and records the time of each request and the end of each cycle.
 
 use super::asking::ask;
 use super::cell::Prepared;
@@ -12,20 +12,20 @@ use std::time::{Duration, Instant};
 
 /// Interval between two queries of the cell's state.
 pub const POLL_INTERVAL: Duration = Duration::from_millis(60);
-/// Time limit for a cycle that continues after the lie.
+/// Time limit for a cycle that continues after the fault.
 const REST_TIMEOUT: Duration = Duration::from_secs(110);
-/// Time limit for a person to start the next cycle, after the lie and the cycle in which the lie was sent.
+/// Time limit for a person to start the next cycle, after the fault and the cycle in which it was injected.
 const RECOVERY_TIMEOUT: Duration = Duration::from_secs(45);
 /// An honest cycle.
 const CYCLE_TIMEOUT: Duration = Duration::from_secs(110);
 /// Keys of the recipe as rendered: the duration of the film, and the smallest area of a break that is reported.
 const RENDERED: [&str; 2] = ["observation_s = 10.0", "min_break_mm2 = 69.0"];
-/// Keys for a film in which the largest of the rendered panel's breaks is found and abraded; `NO_BREAK` is for a
-/// film that passes.
+/// Keys for a film in which the largest break of the rendered panel is found and sanded.
 pub const ONE_BREAK: [&str; 2] = ["observation_s = 8.0", "min_break_mm2 = 150.0"];
+/// Keys for a film that passes.
 pub const NO_BREAK: [&str; 2] = ["observation_s = 5.5", "min_break_mm2 = 900.0"];
 
-/// A request of the person.
+/// A request of the person, with its time.
 #[derive(Debug, Clone)]
 pub struct Order {
     pub at_ms: f64,
@@ -50,7 +50,7 @@ pub struct Person<'c> {
     refusal: String,
 }
 
-/// The state that the service reports.
+/// The state of the cell as the service reports it.
 pub struct ServiceState {
     pub word: String,
     pub phase: String,
@@ -118,7 +118,7 @@ impl<'c> Person<'c> {
         self.order(&json!({ "ask": "start", "recipe": recipe, "text": text, "part": part }))
     }
 
-    /// Queries the state until this condition is met; returns false after the time limit.
+    /// Queries the state until it meets this condition; returns false after the time limit.
     pub fn until(&mut self, patience: Duration, holds: impl Fn(&ServiceState) -> bool) -> Result<bool, String> {
         let since = Instant::now();
         while since.elapsed() < patience {
@@ -131,7 +131,7 @@ impl<'c> Person<'c> {
         Ok(false)
     }
 
-    /// Sends the request with which a person takes the cell from a state of rest to the next cycle.
+    /// Sends the request with which a person continues from a state of rest to the next cycle.
     pub fn proceed(&mut self, word: &str, film: [&str; 2]) -> Result<(), String> {
         match word {
             "aborted" => self.clear().map(drop),
@@ -162,7 +162,7 @@ impl<'c> Person<'c> {
         self.until(REST_TIMEOUT, |look| look.word == "aborted").map(drop)
     }
 
-    /// Waits until the cell is in a state of rest, because the cycle has continued to its end or was ended.
+    /// Waits until the cell is in a state of rest, because the cycle is complete or was ended.
     pub fn rest(&mut self) -> Result<(), String> {
         if self.until(REST_TIMEOUT, |look| look.rests())? {
             return Ok(());

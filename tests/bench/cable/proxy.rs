@@ -1,6 +1,6 @@
-//! The cable: two real TCP connections between the service and the controller; their data is divided into messages,
-//! which the liar may change. Each direction has a thread that reads and a thread that writes the messages that are
-//! due. A delayed message also delays those behind it, as in TCP.
+//! The simulated cable: two real TCP connections between the service and the controller. Their data is divided into
+//! messages, which the fault injector may change. Each direction has a thread that reads messages and a thread that
+//! writes them at their times. A delayed message also delays the following messages, as in TCP.
 
 use super::liar::{Liar, Piece};
 use super::lie::Way;
@@ -18,14 +18,14 @@ use std::time::{Duration, Instant};
 const POLL_INTERVAL: Duration = Duration::from_millis(10);
 const CONNECT_TIMEOUT: Duration = Duration::from_millis(500);
 
-/// Both ends of a channel's connection.
+/// The two sockets of a channel's connection.
 #[derive(Debug)]
 struct Connection([TcpStream; 2]);
 
 impl Connection {
     fn close(&self) {
         for stream in &self.0 {
-            // The stream may be closed already.
+            // The result is ignored, because the stream may already be closed.
             let _ = stream.shutdown(Shutdown::Both);
         }
     }
@@ -40,11 +40,11 @@ struct Cable {
     ends: AtomicBool,
 }
 
-/// A cable that carries messages until it is dropped.
+/// The running cable, which carries messages until this value is dropped.
 pub struct Proxy(Arc<Cable>);
 
 impl Proxy {
-    /// Listens at one address and connects to the same ports of the other address.
+    /// Listens at one address and forwards to the same ports of the other address.
     pub fn start(
         sought: IpAddr,
         controller: IpAddr,
@@ -62,7 +62,7 @@ impl Proxy {
         Proxy(cable)
     }
 
-    /// Closes a channel's connection; returns false if there was none.
+    /// Closes a channel's connection; returns false if there was no connection.
     pub fn close(&self, index: usize) -> bool {
         let connection = self.0.connections[index].lock().unwrap_or_else(PoisonError::into_inner).take();
         if let Some(connection) = &connection {
@@ -91,7 +91,7 @@ impl Cable {
                 listener = TcpListener::bind(sought).and_then(|new| new.set_nonblocking(true).map(|()| new)).ok();
             }
             if let Some(Ok((client, _))) = listener.as_ref().map(TcpListener::accept) {
-                // A controller that already has a client, or does not run, accepts no connection.
+                // The error is ignored: a controller that already has a client, or does not run, accepts no connection.
                 let _ = self.carry(index, client, controller);
             }
             thread::sleep(POLL_INTERVAL);
@@ -125,7 +125,7 @@ impl Cable {
         Ok(())
     }
 
-    /// Reads until the end, and forwards the messages as the liar returns them.
+    /// Reads messages until the end of the connection, and forwards the data that the fault injector returns.
     fn read(&self, way: Way, mut from: TcpStream, pieces: &Sender<(Instant, Piece)>) {
         let side = if way.is_to_controller() { Side::Said } else { Side::True };
         let (mut splitter, mut bytes, mut due) = (Splitter::default(), vec![0; 65_536], Instant::now());
@@ -150,7 +150,7 @@ impl Cable {
         }
     }
 
-    /// Writes the pieces that are due, until no more can arrive or the connection must be closed.
+    /// Writes the data at its time, until no more data can arrive or the connection must be closed.
     fn write(&self, way: Way, mut to: TcpStream, due: &Receiver<(Instant, Piece)>) {
         let side = if way.is_to_controller() { Side::Given } else { Side::Shown };
         let mut splitter = Splitter::default();

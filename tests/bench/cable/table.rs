@@ -1,4 +1,4 @@
-//! The results of the scenarios, counted by kind of lie.
+//! The results of the scenarios, counted by kind of fault.
 
 use super::lie::Kind;
 use std::collections::BTreeMap;
@@ -7,7 +7,7 @@ use std::fmt;
 /// The result of one scenario.
 #[derive(Debug, Default)]
 pub struct Outcome {
-    /// Number of changes that were made to messages on their way.
+    /// Number of messages that were changed.
     pub sent: u64,
     pub verdicts: Vec<String>,
     pub pressed: u64,
@@ -54,7 +54,7 @@ impl Table {
         self.sum().scenarios
     }
 
-    /// Returns the longest time of a stop, ms; 0 if no scenario had one.
+    /// Returns the longest duration of a stop, ms; 0 without a stop.
     pub fn worst_stop_ms(&self) -> f64 {
         self.sum().worst_stop_ms
     }

@@ -1,27 +1,29 @@
-//! Tests the judges: the controller's reports are changed before the judges receive them, and each judge must report a
-//! violation.
+//! Tests the checks: the controller's reports are changed before they are checked, and each change must be reported as
+//! a violation.
 
 use super::message;
 use super::truth::{Event, Side};
 
-/// The reports that can be changed to test the judges.
+/// The changes of the reports with which the checks are tested.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ReportChange {
     /// The stopped arm continues to move slowly.
     Motion,
-    /// The controller never reports that it has stopped, and moves.
+    /// The controller never reports that it has stopped, and continues to move.
     Stop,
     /// The tool continues to run.
     Tool,
-    /// The arm stays at the position at which it was stopped.
+    /// The arm does not retract after a stop.
     Retract,
     /// The last waypoints were not executed.
     Pass,
 }
 
 impl ReportChange {
+    /// Returns the change with this name.
+    ///
     /// # Panics
-    /// If there is no such word.
+    /// If no change has this name.
     pub fn named(word: &str) -> Self {
         match word {
             "motion" => ReportChange::Motion,
@@ -33,7 +35,7 @@ impl ReportChange {
         }
     }
 
-    /// Returns the events that the judges receive.
+    /// Returns the changed events, which are then checked.
     pub fn changed(self, mut events: Vec<Event>) -> Vec<Event> {
         let (mut before, mut crept_deg) = (String::new(), 0.0);
         let states = events.iter_mut().filter(|event| event.side == Side::True && event.text.contains("<St "));
@@ -64,7 +66,7 @@ impl ReportChange {
     }
 }
 
-/// Returns the state with the axis angles of the earlier state.
+/// Returns the state with the axis angles of an earlier state.
 fn standing(text: &str, before: &str) -> String {
     ["J/A1", "J/A2", "J/A3", "J/A4", "J/A5", "J/A6"].iter().fold(text.to_owned(), |text, axis| {
         let angle = message::value(before, axis);

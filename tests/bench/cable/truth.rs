@@ -1,21 +1,21 @@
 //! The true events at the controller's end of the cable: the states as the controller sent them, and the commands and
-//! requests as the controller received them. The service's messages before any change are also included.
+//! requests as the controller received them. Also the service's messages before any change.
 
 use super::message;
 use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
-/// The sender or receiver of a message.
+/// The process that sent or received a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Side {
-    /// The service sent it.
+    /// The service sent the message.
     Said,
-    /// The controller received it, as the cable sent it.
+    /// The controller received the message, possibly changed.
     Given,
-    /// The controller sent it.
+    /// The controller sent the message.
     True,
-    /// The service received it, as the cable sent it.
+    /// The service received the message, possibly changed.
     Shown,
 }
 
@@ -26,15 +26,15 @@ pub struct Event {
     pub text: String,
 }
 
-/// A motion on the panel, identified by epoch and command id.
+/// Identifies a motion on the panel: epoch and command id.
 pub type Key = (i64, i64);
 
 /// A state that the controller reported.
 #[derive(Debug, Clone, Copy)]
 pub struct State {
-    /// Time by the bench's clock, ms.
+    /// Time of the bench's clock, ms.
     pub at_ms: f64,
-    /// Time by the controller's clock, ms.
+    /// Time of the controller's clock, ms.
     pub time_ms: f64,
     pub epoch: i64,
     pub done: i64,
@@ -43,7 +43,7 @@ pub struct State {
     pub joints: [f64; 6],
 }
 
-/// Bit numbers of the outputs, in the order of the outputs' numbers in the cell's file.
+/// Bit number of an output, in the order of the outputs' numbers in the cell's file.
 pub const LIGHT: u32 = 0;
 pub const WATER: u32 = 1;
 pub const EXTRACTION: u32 = 3;
@@ -68,7 +68,7 @@ impl State {
         self.flags & 8 != 0
     }
 
-    /// Returns whether the controller reports the last epoch as stopped.
+    /// Returns whether the controller reports that the last epoch has been stopped.
     pub fn stopped(&self) -> bool {
         self.flags & 128 != 0
     }
@@ -77,7 +77,7 @@ impl State {
         self.outputs >> output & 1 == 1
     }
 
-    /// Returns the largest difference of an axis between two states, degrees.
+    /// Returns the largest difference of an axis angle between two states, degrees.
     pub fn apart_deg(&self, other: &State) -> f64 {
         self.joints.iter().zip(other.joints).fold(0.0, |most, (one, other)| most.max((one - other).abs()))
     }
@@ -166,7 +166,7 @@ fn is_contact(text: &str) -> bool {
     message::whole(text, "Op") == 2 && message::whole(text, "N2") == 1
 }
 
-/// Returns the true states among these events.
+/// Returns the states that the controller sent, from these events.
 pub fn states(events: &[Event]) -> Vec<State> {
     let of = |event: &Event| {
         let is_state = event.side == Side::True && event.text.contains("<St ");
@@ -175,7 +175,8 @@ pub fn states(events: &[Event]) -> Vec<State> {
     events.iter().filter_map(of).collect()
 }
 
-/// Returns the commands in contact of these events. A command of the service is counted by its own epoch and id.
+/// Returns the commands in contact from these events. A command is identified by the epoch and id that the service
+/// sent.
 pub fn contacts(events: &[Event]) -> Contacts {
     let mut contacts = Contacts::new();
     for event in events.iter().filter(|event| event.text.contains("<Cmd ")) {
@@ -186,7 +187,7 @@ pub fn contacts(events: &[Event]) -> Contacts {
         };
         let text = event.text[event.text.find("<Cmd ").unwrap_or(0)..].to_owned();
         let key = (message::whole(&text, "Ep"), message::whole(&text, "Id"));
-        // The service sends each command once; a second command under the same number is refused by the controller.
+        // The service sends each command once; the controller refuses a second command with the same id.
         contacts.entry(key).or_default()[place].get_or_insert(text);
     }
     contacts.retain(|_, [said, given]| said.is_some() || given.as_ref().is_some_and(|text| is_contact(text)));

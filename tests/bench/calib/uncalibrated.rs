@@ -1,8 +1,8 @@
-//! Mounts that were measured with an uncalibrated arm, whose errors are similar in neighbouring poses.
+//! Mounts that were calibrated with an uncalibrated arm, whose errors are similar in similar poses.
 //!
-//! The true mount is that in the arm's own coordinates, in which poses are commanded: the one that follows from exact
-//! pictures from the whole volume. The poses are distributed over the whole volume, or lie in three regions of it, as
-//! if a person jogs the arm a little between two pictures.
+//! The true mount is that in the arm's own coordinates, in which poses are commanded: the mount that follows from exact
+//! pictures in the whole volume. The poses are distributed over the whole volume, or lie in three regions of it, as if
+//! a person jogs the arm only a little between two pictures.
 
 use super::boards::{self, CORNER_PX, Lens, Side};
 use super::{row, share};
@@ -19,21 +19,22 @@ const ERRORS_MM: [f64; 2] = [0.3, 1.0];
 const DRAWN: usize = 40;
 const REGIONS: usize = 3;
 const POSES_EACH: usize = 5;
-/// Distance between poses as which a rotation of one radian counts, mm.
+/// Weight of a rotation in the distance between two poses, mm per rad.
 const MM_PER_RADIAN: f64 = 300.0;
 const REPEAT: RobotNoise = RobotNoise { shift_mm: 0.01, turn_deg: 0.001 };
 const EXACT: RobotNoise = RobotNoise { shift_mm: 0.0, turn_deg: 0.0 };
-/// Noise of the corners for the true mount, px: the least-squares adjustment needs some noise.
+/// Noise of the corners for the true mount, px: not zero, because the least-squares adjustment needs noise.
 const EXACT_PX: f64 = 0.005;
-/// One of this number of corners is used: the arm's errors are much larger than those of the corners.
+/// Only every nth corner is used, because the arm's errors are much larger than those of the corners.
 const CORNER_STEP: usize = 7;
 
-/// Allowed range of the share of mounts within the stated bound; with a larger share the bound is wider than necessary.
-/// `MAX_STATED` is the largest ratio of the bound to the median error.
+/// Range of the fraction of mounts whose error must be within the stated bound. Above the range the bound is wider than
+/// necessary.
 const HELD: std::ops::RangeInclusive<f64> = 0.90..=0.99;
+/// Maximum ratio of the stated bound to the median error.
 const MAX_STATED: f64 = 8.0;
 
-/// Compares the stated bound with the error; returns the number of missed targets.
+/// Compares the stated bounds with the errors; returns the number of missed targets.
 pub fn arms() -> usize {
     let both = |error_mm| mounts::<ScannerMount>(error_mm) + mounts::<FlangeCameraMount>(error_mm);
     ERRORS_MM.into_iter().map(both).sum()
@@ -53,7 +54,7 @@ fn stations<A: Side>(seed: u64, error_mm: f64, (robot, noise_px): (RobotNoise, f
     A::shots(&cell, DRAWN).iter().filter_map(station).collect()
 }
 
-/// Returns poses in regions that are far from each other, each with its neighbours.
+/// Returns poses in regions that are far from each other, each with poses near it.
 fn poses_in_regions<A: Side>(all: &[Station<A::From>]) -> Vec<Station<A::From>> {
     let distance_mm = |one: &Station<A::From>, other: &Station<A::From>| {
         let [one, other]: [Rigid<Base, Flange>; 2] = [one.base_from_flange, other.base_from_flange];
@@ -77,7 +78,7 @@ fn poses_in_regions<A: Side>(all: &[Station<A::From>]) -> Vec<Station<A::From>> 
     chosen
 }
 
-/// Returns the error, the stated bound and the number of poses that count as one; `None` if the poses are refused.
+/// Returns the error, the stated bound, and the number of poses per independent pose; `None` if the poses are refused.
 fn judged<A: Side>(lens: &Lens, stations: &[Station<A::From>], own: &HandEye<A>) -> Option<(f64, f64, f64)> {
     let found = hand_eye::<A>(&lens.camera, &boards::board(), stations, None).ok()?;
     let error_mm =

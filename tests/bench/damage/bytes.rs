@@ -1,4 +1,4 @@
-//! Damages to the bytes of a file: bits, blocks, its end.
+//! Kinds of damage to the bytes of a file: to bits, to blocks, and to its end.
 
 use rand::RngExt;
 use rand_pcg::Pcg64;
@@ -31,13 +31,13 @@ fn flip(bytes: &mut [u8], count: usize, draw: &mut Pcg64) {
     }
 }
 
-/// Returns a length from one byte to a quarter of the file; each power of two is equally likely.
+/// Draws a length from one byte to a quarter of the file; each power of two is equally likely.
 fn length(file: usize, draw: &mut Pcg64) -> usize {
     let most = (file as f64 / 4.0).max(1.0).log2();
     (draw.random_range(0.0..=most).exp2() as usize).clamp(1, file)
 }
 
-/// Returns a random block, such as the blocks that disks and packets damage.
+/// Returns a random block of the size that a disk or a packet damages.
 fn block<'b>(bytes: &'b mut [u8], draw: &mut Pcg64) -> &'b mut [u8] {
     let length = length(bytes.len(), draw);
     let at = draw.random_range(0..=bytes.len() - length);

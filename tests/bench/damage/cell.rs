@@ -1,4 +1,4 @@
-//! The simulated cell's scan, corner pictures and clip as files, and the results of the stages on them and on
+//! The simulated cell's scan, corner pictures and clip as files, and the results of the stages for these files and for
 //! damaged copies.
 
 use super::{Damage, damaged, one_of};
@@ -21,22 +21,22 @@ use std::sync::Arc;
 const FRAMES_PER_SECOND: f64 = 5.0;
 const OBSERVED_S: f64 = 4.0;
 
-/// The result with damaged files.
+/// The result for damaged files.
 #[derive(Debug)]
 pub enum Found {
     /// A file was refused.
     Refused,
-    /// The damage was reported: the verdict is no longer accept, or is another failure.
+    /// The damage was reported: the verdict is not accept, or the test failed for another reason.
     Reported,
-    /// A pose was accepted at this distance from the undamaged files' pose, mm.
+    /// A pose was accepted that differs from the undamaged files' pose by this distance, mm.
     Pose { moved_mm: f64 },
-    /// The film with breaks still fails.
+    /// The film with breaks fails, as without damage.
     StillFails,
     /// The film with breaks passes.
     Passed,
 }
 
-/// A corner's picture, and the pose of the flange at this picture.
+/// A corner picture, and the pose of the flange at which it was captured.
 struct CornerFile {
     png: Vec<u8>,
     picture: ColorPicture,
@@ -65,7 +65,7 @@ pub struct Held {
 }
 
 impl Held {
-    /// Renders and teaches a cell. The undamaged files are accepted, and the film has breaks.
+    /// Renders and teaches a cell. Asserts that the undamaged files are accepted, and that the film has breaks.
     pub fn new(seed: u64, reduction: usize) -> Self {
         let cell = Cell::new(seed, Scene::Good, reduction);
         let recipe = recipe(&cell);
@@ -116,7 +116,7 @@ impl Held {
         held
     }
 
-    /// Returns the largest distance by which a point of the panel is moved between two poses, mm.
+    /// Returns the largest distance of a point of the panel between two poses, mm.
     fn moved_mm(&self, one: &Rigid<Base, Panel>, other: &Rigid<Base, Panel>) -> f64 {
         let points = self.panel.points().step_by(101).map(|(_, point)| point);
         let corners = self.corners.iter().map(|corner| corner.point);
@@ -126,7 +126,7 @@ impl Held {
             .fold(0.0, f64::max)
     }
 
-    /// Locates the panel; returns `None` if the file is refused, otherwise the pose if it is accepted.
+    /// Locates the panel. Returns `None` if the file is refused, otherwise the pose if it is accepted.
     fn locate(&self, scan: &[u8]) -> Option<Option<Rigid<Base, Panel>>> {
         let camera = self.cell.scanner();
         let scan = files::read_cloud(scan, camera).ok()?;
@@ -170,7 +170,7 @@ impl Held {
         (correction.judgement.verdict == Verdict::Accept).then_some(correction.refined.base_from_panel)
     }
 
-    /// Refines with one of the corner pictures damaged.
+    /// Refines the pose with one of the corner pictures' files damaged.
     pub fn refined(&self, damage: &Damage, draw: &mut Pcg64) -> Found {
         let which = one_of(self.pictures.len(), draw);
         let bytes = damaged(&self.pictures[which].png, damage, draw);
@@ -180,7 +180,7 @@ impl Held {
         }
     }
 
-    /// Refines with one of the corner pictures damaged before it was written to a file.
+    /// Refines the pose with the pixels of one corner picture damaged before the picture was written to a file.
     pub fn refined_by_pixels(&self, damage: &Damage, draw: &mut Pcg64) -> Found {
         let which = one_of(self.pictures.len(), draw);
         self.refined_with(which, &spoilt(&self.pictures[which].picture, damage, draw))
@@ -196,7 +196,7 @@ impl Held {
         }
     }
 
-    /// Returns the verdict on a clip with this list; `None` if a part of it is refused.
+    /// Returns the verdict on a clip with this list of pictures; `None` if one of its parts is refused.
     fn inspect(&self, pictures: &[Arc<ColorPicture>], list: &str) -> Option<Verdict> {
         let listed = files::read_clip(list.as_bytes()).ok()?;
         let camera_from_panel =
@@ -218,7 +218,7 @@ impl Held {
         Some(filming.finish().ok()?.inspection.judgement.verdict)
     }
 
-    /// Inspects with one of the clip's pictures, or the clip's list, damaged.
+    /// Inspects the clip with one of its pictures' files, or the file of its list, damaged.
     pub fn inspected(&self, damage: &Damage, draw: &mut Pcg64) -> Found {
         let mut pictures: Vec<_> = self.clip.iter().map(|frame| frame.picture.clone()).collect();
         let which = one_of(pictures.len() + pictures.len() / 10, draw);
@@ -238,7 +238,7 @@ impl Held {
         self.classify(&pictures, &list)
     }
 
-    /// Inspects with one of the clip's pictures damaged before it was written to a file.
+    /// Inspects the clip with the pixels of one picture damaged before the picture was written to a file.
     pub fn inspected_by_pixels(&self, damage: &Damage, draw: &mut Pcg64) -> Found {
         let mut pictures: Vec<_> = self.clip.iter().map(|frame| frame.picture.clone()).collect();
         let which = one_of(pictures.len(), draw);
@@ -256,14 +256,14 @@ impl Held {
     }
 }
 
-/// Returns the picture with damaged pixels; pixels whose data is cut off are black.
+/// Returns the picture with damaged pixels; pixels without data are black.
 fn spoilt(picture: &ColorPicture, damage: &Damage, draw: &mut Pcg64) -> ColorPicture {
     let mut bytes = damaged(picture.rgb.as_flattened(), damage, draw);
     bytes.resize(picture.rgb.len() * 3, 0);
     ColorPicture { rgb: bytes.as_chunks().0.to_vec(), ..*picture }
 }
 
-/// Returns a film with breaks as files, with its list.
+/// Returns the files of a film with breaks, and the list of its pictures.
 fn clip(cell: &Cell, demands: &Demands) -> (Vec<Frame>, String) {
     let spots = cell.with_other_grease(&Grease::Mixed { count: 3, until_s: WET_FROM_S + 2.0 }, 1);
     let film = cell.film_with_spec(&spots, &FilmSpec::TYPICAL_FILM, 1);

@@ -1,4 +1,5 @@
-//! Clips of the simulator with all effects that make a film difficult to evaluate, and the results of the test on them.
+//! Clips of the simulator with all effects that make a film difficult to evaluate, and the results of the water-break
+//! test on these clips.
 
 use crate::conditions::Conditions;
 use crate::goal::Figure;
@@ -15,19 +16,19 @@ use std::time::Instant;
 
 /// The frame rate that the recipes of all clips require.
 pub const FRAMES_PER_SECOND: f64 = 5.0;
-/// Standard deviation of the noise of the simulator's pixels, grey levels.
+/// Standard deviation of the simulator's pixel noise, grey levels.
 const NOISE_LEVELS: f64 = 2.0;
 
-/// The declared sanded area extends beyond the true one by this margin, mm.
+/// Margin by which the declared sanded area extends beyond the true sanded area, mm.
 pub const SANDED_MARGIN_MM: f64 = 3.0;
 
-/// The extent of one run of the bench.
+/// The part of the bench that is selected by the arguments.
 #[derive(Debug, Clone)]
 pub struct Extent {
     pub seeds: std::ops::RangeInclusive<u64>,
     pub reduction: usize,
     pub observed_s: f64,
-    /// Runs only clips of this kind.
+    /// The kind of the clips that are run; `None` for all kinds.
     pub kind: Option<String>,
 }
 
@@ -81,7 +82,7 @@ impl Bench {
         sanding
     }
 
-    /// Returns the corners of a grid, moved outwards.
+    /// Returns the corners of a grid, moved outwards by this distance, mm.
     fn widened(&self, id: GridId, by_mm: f64) -> [Point<Panel>; 4] {
         let grid = self.taught.grids.iter().find(|grid| grid.id == id).expect("a grid of the region");
         let middle = grid.corners.iter().map(|corner| corner.mm.coords).sum::<nalgebra::Vector3<f64>>() / 4.0;
@@ -112,7 +113,7 @@ pub fn phase(film: &Film, time_s: f64) -> Phase {
     }
 }
 
-/// Returns the picture times of a clip that has no conditions of its own, s of the film.
+/// Returns the times of a clip's pictures without special conditions, s from the start of the film.
 pub fn times_s(demands: &Demands) -> Vec<f64> {
     Conditions::plain(FRAMES_PER_SECOND).times_s(WET_FROM_S + demands.filmed_s())
 }
@@ -167,7 +168,7 @@ fn one(seed: u64, extent: &Extent, tally: &mut Tally) {
     let sanding = bench.sanded(&conditions);
     let film = bench.cell.sanded_film_with_spec((&spots, &spots), &sanding, &spec, seed);
     let demands = bench.demands(extent.observed_s);
-    // From the disc's path, the sanded area is known to a few millimetres.
+    // The path of the disc gives the sanded area to within a few millimetres.
     let declared = bench.cell.sanded_taught_pixels(&sanding, SANDED_MARGIN_MM);
     let mut watch = bench.watch(extent.observed_s, Some(&declared));
     let before = bench.cell.film_with_spec(&spots, &spec, seed);
@@ -203,8 +204,8 @@ fn one(seed: u64, extent: &Extent, tally: &mut Tally) {
     tally.times(&inspection, &broken, |index| f64::from(true_s[index]) - wet_from_s);
 }
 
-/// Saves the last picture with the found and the true breaks: green both, orange only found, blue only true, yellow
-/// not seen.
+/// Saves the last picture with the found and the true breaks: green both, orange only found, blue only true, yellow not
+/// seen.
 pub fn save(folder: &str, name: &str, picture: &ColorPicture, inspection: &Inspection, truth: &Mask) {
     let mut drawn = picture.clone();
     let (found, region, not_seen) = (inspection.mask(), inspection.footprint.region(), inspection.unseen_pixels());

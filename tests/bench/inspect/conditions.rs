@@ -4,7 +4,7 @@ use panelprep::panel::GridId;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
-/// Pictures per second; the last rates have uneven intervals.
+/// Frame rates, pictures per second; clips with the last rates have irregular intervals.
 const RATES: [f64; 9] = [1.0, 2.0, 3.0, 5.0, 5.0, 8.0, 12.0, 20.0, 30.0];
 
 /// The conditions of one clip.
@@ -12,7 +12,7 @@ const RATES: [f64; 9] = [1.0, 2.0, 3.0, 5.0, 5.0, 8.0, 12.0, 20.0, 30.0];
 pub struct Conditions {
     /// Mean number of pictures per second.
     pub frames_per_second: f64,
-    /// Largest relative deviation of an interval between pictures from the mean.
+    /// Maximum relative deviation of an interval between two pictures from the mean interval.
     pub uneven: f64,
     /// The grids that were sanded before the film, pass by pass.
     pub sanded: Vec<Vec<GridId>>,
@@ -22,7 +22,7 @@ pub struct Conditions {
 }
 
 impl Conditions {
-    /// Draws conditions from a seed: one of three clips has no sanded grid, and one of six has all grids sanded.
+    /// Draws conditions from a seed: one third of the clips have no sanded grid, and one sixth have all grids sanded.
     pub fn new(seed: u64, grids: &[GridId]) -> Self {
         let mut random = Pcg64::seed_from_u64(seed ^ 0x5eed_c11f);
         let rate = RATES[random.random_range(0..RATES.len())];
@@ -44,7 +44,7 @@ impl Conditions {
         Conditions { frames_per_second: rate, uneven, sanded, beyond_mm, seed }
     }
 
-    /// Returns the conditions of a camera with this constant frame rate, and no sanded grid.
+    /// Returns the conditions of a camera with this constant frame rate, without sanded grids.
     pub fn plain(frames_per_second: f64) -> Self {
         Conditions { frames_per_second, uneven: 0.0, sanded: Vec::new(), beyond_mm: 0.0, seed: 0 }
     }

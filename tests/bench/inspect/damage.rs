@@ -1,4 +1,4 @@
-//! Clips that are not valid tests: each must be `invalid`, with its reason.
+//! Clips that are not valid tests: each must be `invalid`, with the correct reason.
 
 use crate::clips::{Bench, phase, times_s};
 use crate::goal::Figure;
@@ -10,7 +10,7 @@ const OBSERVED_S: f64 = 8.0;
 /// A time in the middle of the film, s.
 const MIDDLE_S: f64 = WET_FROM_S + 4.0;
 
-/// A function that changes a picture of a clip; it returns `None` to leave the picture out.
+/// A function that changes a picture of a clip; it returns `None` to omit the picture.
 type Damage = fn(ColorPicture, f64) -> Option<ColorPicture>;
 
 const DAMAGES: [(&str, &str, Damage); 14] = [
@@ -35,7 +35,7 @@ const DAMAGES: [(&str, &str, Damage); 14] = [
     ("moved by 3 px", "moved", |picture, time_s| {
         Some(if time_s > MIDDLE_S { shifted(&picture, 3) } else { picture })
     }),
-    // If the drop is on a greasy place, the place counts as neither wet nor dry and is not seen.
+    // If the drop is on a greasy spot, the spot is neither wet nor dry and is reported as not seen.
     ("a drop on the dry panel", "wet_when_dry|not_seen", |picture, time_s| {
         Some(if time_s < 1.0 { spotted(picture, |gray| gray * 0.55) } else { picture })
     }),
@@ -47,7 +47,7 @@ const DAMAGES: [(&str, &str, Damage); 14] = [
     }),
 ];
 
-/// Returns the number of damages that were not reported or were reported wrongly.
+/// Returns the number of damages that were not reported, or were reported with a wrong reason.
 pub fn run(seeds: u64, reduction: usize) -> usize {
     let (mut wrong, mut all) = (0, 0);
     for seed in 1..=seeds {
@@ -128,7 +128,7 @@ fn covered(mut picture: ColorPicture) -> ColorPicture {
     picture
 }
 
-/// Blurs the picture with a box of `2 reach + 1` px, twice, along rows and columns.
+/// Blurs the picture twice with a box filter of `2 reach + 1` px, along rows and columns.
 fn blurred(picture: &ColorPicture, reach: usize) -> ColorPicture {
     let (width, height) = (picture.width, picture.height);
     let pass = |from: &[[u8; 3]], along: usize, length: usize, across: usize, count: usize| {

@@ -38,7 +38,7 @@ pub fn run(reduction: usize) {
         let begun = Instant::now();
         watch.push(&decoded, 10.0 + time_s, Phase::Wet).expect("in order");
         judging.push(begun.elapsed());
-        // The time of a plain copy shows how busy the machine was in these seconds.
+        // The time of a simple copy shows how busy the machine was during the measurement.
         let begun = Instant::now();
         copy.rgb.copy_from_slice(std::hint::black_box(&decoded.rgb));
         copying.push(begun.elapsed());
@@ -90,7 +90,7 @@ fn peers(folder: &Path, region: &panelprep::geometry::Mask) {
     }
 }
 
-/// Measures the peak memory of `panelprep inspect` for a clip of 60 s, as the operating system reports it.
+/// Measures the peak memory of `panelprep inspect` for a clip of 60 s, as reported by the operating system.
 pub fn memory(reduction: usize) {
     let folder = std::env::temp_dir().join(format!("panelprep-memory-{}", std::process::id()));
     let file = |name: &str| folder.join(name).display().to_string();

@@ -1,4 +1,4 @@
-//! The results of many clips of either renderer, grid by grid.
+//! The results of many clips of one renderer, grid by grid.
 
 use crate::goal::Figure;
 use panelprep::geometry::Mask;
@@ -7,27 +7,27 @@ use panelprep::panel::GridId;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// Smallest difference between film and break at which a place has contrast, as a multiple of the noise, for breaks as
-/// damp as the recipe allows.
+/// Minimum difference between film and break at which a point has contrast, as a multiple of the noise, for breaks with
+/// the recipe's maximum dampness.
 pub const CONTRAST_TO_NOISE: f64 = 10.0;
-/// Brightness of a damp break that the recipes allow, as a share of the dry brightness.
+/// Minimum brightness of a damp break according to the recipes, as a fraction of the dry brightness.
 const DAMP_BRIGHTNESS: f64 = 0.8;
-/// Smallest share of a grid's places with contrast at which the grid has contrast.
+/// Minimum fraction of a grid's points with contrast at which the grid has contrast.
 const MIN_CONTRAST_SHARE: f64 = 0.95;
 
-/// The ground truth of a clip; masks and values are those of its pictures' pixels.
+/// The ground truth of a clip; masks and values have the pixels of its pictures.
 pub struct Truth<'a> {
-    /// The pixels that are broken when the observation ends.
+    /// The pixels at which the film is broken at the end of the observation.
     pub broken: &'a Mask,
-    /// The pixels that are broken when the last picture is taken.
+    /// The pixels at which the film is broken in the last picture.
     pub later: &'a Mask,
     /// The difference between film and break at each pixel, as a multiple of the noise: see [`contrast_to_noise`].
     pub contrast: &'a [f64],
 }
 
-/// Returns the difference between a film and the most similar break, as a multiple of the noise. It is that of the
-/// channel with the largest difference, or of the channels' mean; `noise` returns the noise of one channel at its
-/// level.
+/// Returns the difference between a film and the most similar break, as a multiple of the noise: that of the channel
+/// with the largest difference, or that of the channels' mean if it is larger. `noise` returns the noise of one
+/// channel at its level.
 pub fn contrast_to_noise([dry, wet]: [[f64; 3]; 2], noise: impl Fn(f64) -> f64) -> f64 {
     let gap = |dry: f64, wet: f64| (DAMP_BRIGHTNESS * dry - wet).max(wet - dry);
     let mean = |rgb: [f64; 3]| rgb.iter().sum::<f64>() / 3.0;
@@ -35,7 +35,7 @@ pub fn contrast_to_noise([dry, wet]: [[f64; 3]; 2], noise: impl Fn(f64) -> f64) 
     (0..3).map(|i| gap(dry[i], wet[i]) / noise(dry[i])).fold(of_mean, f64::max)
 }
 
-/// One clip with the values that are printed.
+/// One clip, with the values that are printed for the clip.
 pub struct Clip<'a> {
     pub renderer: &'static str,
     pub seed: u64,
@@ -53,22 +53,24 @@ enum Found {
     NotSeen,
 }
 
-/// The figures of one renderer's clips.
+/// The figures that are reported for the clips of one renderer.
 pub struct Figures {
-    /// Failed grids that passed.
+    /// Number of grids with a true break that passed.
     pub passed: Figure,
-    /// Clean grids that failed.
+    /// Fraction of clean grids that failed.
     pub failed: Figure,
     pub not_seen: Option<Figure>,
     pub iou: Option<Figure>,
     pub time: Option<Figure>,
 }
 
-/// Targets: the largest shares of clean grids that fail and that are not seen, the smallest intersection over union,
-/// and the smallest share of breaks whose time is correct.
+/// Maximum fraction of clean grids that fail.
 const MAX_CLEAN_FAILED_SHARE: f64 = 0.005;
+/// Maximum fraction of clean grids that are not seen.
 const MAX_CLEAN_NOT_SEEN_SHARE: f64 = 0.03;
+/// Minimum intersection over union of the found and the true breaks.
 const MIN_IOU: f64 = 0.95;
+/// Minimum fraction of breaks whose time is correct.
 const MIN_TIMELY_SHARE: f64 = 0.95;
 
 /// Statistics of all clips of one renderer.
@@ -76,13 +78,15 @@ const MIN_TIMELY_SHARE: f64 = 0.95;
 pub struct Tally {
     clips: usize,
     invalid: BTreeMap<String, usize>,
-    /// Results of grids with a true break; `clean` contains the results of clean grids with contrast, `faint` those of
-    /// the other clean grids.
+    /// Results of grids with a true break.
     broken: BTreeMap<Found, usize>,
+    /// Results of clean grids with contrast.
     clean: BTreeMap<Found, usize>,
+    /// Results of the other clean grids.
     faint: BTreeMap<Found, usize>,
-    /// Results of sanded grids, counted like those above.
+    /// Results of sanded grids with a true break.
     sanded_broken: BTreeMap<Found, usize>,
+    /// Results of sanded clean grids.
     sanded_clean: BTreeMap<Found, usize>,
     iou: Vec<f64>,
     judging: Vec<Duration>,
@@ -100,7 +104,7 @@ impl Tally {
         self.judging.push(duration);
     }
 
-    /// Adds a clip. `sanded` states which grids were sanded before it.
+    /// Adds a clip. `sanded` contains the grids that were sanded before the film.
     pub fn add(
         &mut self,
         clip: &Clip<'_>,
@@ -125,7 +129,7 @@ impl Tally {
             let is_clear = clear_mm2[index] >= MIN_CONTRAST_SHARE * all_mm2[index];
             let (kind, counts) = match (real_mm2[index] >= min_mm2, later_mm2[index] >= min_mm2) {
                 (true, _) => ("broken", &mut self.broken),
-                // A break that begins after the observation is not counted, whether it was found or not.
+                // A break that begins after the observation is excluded, whether it was found or not.
                 (false, true) => continue,
                 _ if is_clear => ("clean", &mut self.clean),
                 _ => ("faint", &mut self.faint),
@@ -191,7 +195,7 @@ impl Tally {
         }
     }
 
-    /// Adds, for each broken place, the error of the time at which 10 mm² of it were broken. `true_s` is the time
+    /// Adds, for each break, the error of the time at which its area reached 10 mm². `true_s` returns the true time
     /// after the first fully wet picture.
     pub fn times(&mut self, inspection: &Inspection, truth: &Mask, true_s: impl Fn(usize) -> f64) {
         let (footprint, region) = (&inspection.footprint, inspection.footprint.region());
@@ -212,7 +216,7 @@ impl Tally {
         }
     }
 
-    /// Reports the figures. If no clip has a grid of some kind, there is no evidence, and the figure misses its goal.
+    /// Reports the figures. A figure without any grid of its kind has no evidence and misses its goal.
     pub fn report(&self, figures: &Figures) {
         let share = |figure: Figure, counts: &BTreeMap<Found, usize>, found: Found, goal: &str, most: f64| {
             let (some, all) = (counts.get(&found).copied().unwrap_or_default(), counts.values().sum::<usize>());

@@ -1,12 +1,12 @@
-//! The other end of a link, as small as possible: it answers every request at once, and loses acknowledgements on
-//! command.
+//! A minimal controller for the other end of a link: it replies to every request at once, and withholds
+//! acknowledgements when requested.
 
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
-/// Priority of the peer's threads: above the bench's loads, as the priority of the link itself.
+/// Nice value of the peer's threads: above the bench's loads, and equal to that of the link itself.
 const INSTRUMENT_NICE: i32 = -10;
 
 #[derive(Default)]
@@ -32,11 +32,11 @@ impl Peer {
             let port = listener.local_addr().expect("bound").port();
             let inside = inside.clone();
             std::thread::spawn(move || {
-                // The measurement must not contain the peer's own delays. If the priority is not permitted, it does
+                // The measurement should not contain the peer's own delays. If the priority is not permitted, it does
                 // contain them.
                 let _ = rustix::process::setpriority_process(None, INSTRUMENT_NICE);
                 for stream in listener.incoming().map_while(Result::ok) {
-                    // Serving ends when the client disconnects; the client connects again.
+                    // An error ends the connection with a client; the client connects again.
                     let _ = serve(&inside, stream);
                 }
             });
@@ -50,13 +50,13 @@ impl Peer {
         self.ports
     }
 
-    /// Stops all acknowledgements until the next epoch.
+    /// Withholds all acknowledgements until the next epoch.
     pub fn lose_acknowledgements(&self) {
         let mut inside = self.inside.lock().expect("whole");
         (inside.loses, inside.stopped) = (true, None);
     }
 
-    /// Forgets the abort that arrived, so that the next one is measured.
+    /// Forgets the abort that has arrived, so that the next abort is measured.
     pub fn forget(&self) {
         self.inside.lock().expect("whole").stopped = None;
     }
@@ -67,7 +67,7 @@ impl Peer {
     }
 }
 
-/// Calls `act` with the values of each document, which are the numbers between its quotes, and sends the answer.
+/// Calls `act` with the values of each document, which are the numbers between its quotes, and sends the reply.
 fn documents(mut stream: TcpStream, end: &str, mut act: impl FnMut(&[u32]) -> String) -> std::io::Result<()> {
     stream.set_nodelay(true)?;
     let (mut text, mut bytes) = (String::new(), [0; 16_384]);

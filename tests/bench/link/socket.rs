@@ -37,8 +37,8 @@ const CELL: &str = "[poses]\npark = { a1_deg = 0, a2_deg = -90, a3_deg = 90, a4_
      [io.outputs]\nlight = 1\nspray = 2\nlens_shutter = 3\nextraction = 4\ntool = 5\n\
      [io.feedbacks]\nwater_off = 1\nlens_shut = 2\nextraction_flow = 3\ntool_running = 4\n";
 
-/// Sends a word to the socket and returns its answer; empty if there was none. A `clear` contains the number of the
-/// step that the state shows immediately before.
+/// Sends a request to the socket and returns the reply; empty without a reply. A `clear` contains the number of the
+/// step that the state showed immediately before.
 fn ask(socket: &Path, word: &str) -> String {
     let mut line = json!({ "ask": word });
     if word == "clear" {
@@ -62,7 +62,7 @@ fn until(what: &str, mut done: impl FnMut() -> bool) {
     }
 }
 
-/// A journal on a disk that hangs once on each request.
+/// A journal on a disk that hangs once per request.
 struct Hanging<'s> {
     record: StoreRecord<'s>,
     hangs: Arc<AtomicBool>,
@@ -80,7 +80,7 @@ impl Port<RecordCommand> for Hanging<'_> {
     }
 }
 
-/// A service whose controller is a peer in this program.
+/// A service whose controller is a peer in this process.
 struct Served {
     peer: Peer,
     hangs: Arc<AtomicBool>,
@@ -106,7 +106,7 @@ impl Served {
         let hung = hangs.clone();
         let loader: Arc<daemon::Loader> = Arc::new(|_| Err(vec![]));
         let gateway = Gateway::new(sender.clone(), loader, None);
-        // The server of a page reads the store, which must exist before the service runs.
+        // The server of a page reads the store, so the store must exist before the service runs.
         drop(Store::create(&store_folder).expect("a store"));
         let watched = supervisor.clone();
         let service = std::thread::spawn(move || {
@@ -141,7 +141,8 @@ impl Served {
         Served { peer, hangs, sender, gateway, folder, supervisor, service }
     }
 
-    /// Measures the time of each abort until its frame; `ask` sends a word to a front end and returns the answer.
+    /// Measures the time of each abort until its frame arrives; `ask` sends a request to a front end and returns the
+    /// reply.
     fn timed(&self, trials: usize, ask: impl Fn(&str) -> String, is_done: impl Fn(&str) -> bool) -> Vec<Duration> {
         let mut found = Vec::with_capacity(trials);
         for _ in 0..trials {
@@ -162,7 +163,7 @@ impl Served {
     }
 }
 
-/// Returns the time of each abort at the socket, and the number of requests that the clients made meanwhile.
+/// Returns the time of each abort at the socket, and the number of requests that the clients sent during this time.
 pub fn aborts(trials: usize) -> (Vec<Duration>, usize) {
     let served = Served::start();
     let path = served.folder.path().join("socket");
@@ -246,7 +247,7 @@ impl RecordSource for Nothing {
     }
 }
 
-/// Sends a request to the page; returns the answer up to the end of the connection.
+/// Sends a request to the page. Returns the reply up to the end of the connection.
 fn http(address: &str, method: &str, path: &str) -> String {
     let mut answer = String::new();
     if let Ok(mut stream) = TcpStream::connect(address) {
@@ -260,7 +261,7 @@ fn http(address: &str, method: &str, path: &str) -> String {
     answer
 }
 
-/// Returns the time of each abort on the page while this number of viewers watch it; one more opens a connection and
+/// Returns the time of each abort on the page while this number of clients watch it; one more opens a connection and
 /// reads nothing.
 pub fn aborts_on_the_page(trials: usize, viewers: usize) -> Vec<Duration> {
     let served = Served::start();
@@ -281,7 +282,7 @@ pub fn aborts_on_the_page(trials: usize, viewers: usize) -> Vec<Duration> {
     let parts = PageParts { page, folder, front, view, records };
     let page = OperatorPage::serve(parts).expect("served").expect("an address");
     let address = page.url.trim_start_matches("http://").trim_end_matches('/').to_owned();
-    // Only a person may clear; a request at the socket counts as a person's.
+    // Only a person may clear; a request at the socket is treated as a person's request.
     let path = served.folder.path().join("socket");
     let socket = Socket::listen(&path, None, served.gateway.clone(), &served.supervisor).expect("a socket");
     let events = format!("GET /events HTTP/1.1\r\nhost: {address}\r\n\r\n");

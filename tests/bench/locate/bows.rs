@@ -1,7 +1,7 @@
-//! Panels that have developed bows and waves since they were taught. Measures whether such a panel is accepted, and
-//! whether the path on today's surface lies on the true surface within the stated error. One of three panels has a
-//! camera whose distances are too long or too short, of which only the manufacturer's specification is known. Far from
-//! the taught pose a person must decide on such a pose, whether the panel is bent or not.
+//! Panels that have been bent to bows and waves after they were taught. Measures whether such a panel is accepted, and
+//! whether the path on today's surface lies on the true surface within the stated error. One third of the panels have a
+//! camera that measures distances too long or too short, of which only the manufacturer's specification is known. Far
+//! from the taught pose a person must decide on such a pose, whether the panel is bent or not.
 
 use super::goal::Figure;
 use super::{RIGHT_MM, Tried, located_with, quantile, range_errors, reduction, row, share, shared};
@@ -20,21 +20,25 @@ use std::time::Instant;
 
 /// Number of bent panels for each seed.
 const PANELS: usize = 3;
-/// Range of the depth of a bow over the panel's length, mm. `WAVE_MM` is half the height of a wave, `LENGTH_MM` its
-/// length, mm; `SCALE` is the camera's scale.
+/// Range of the height of a bow over the panel's length, mm.
 const BOW_MM: [f64; 2] = [0.2, 3.0];
+/// Range of the amplitude of a wave, mm.
 const WAVE_MM: [f64; 2] = [0.05, 0.3];
+/// Range of the wavelength of a wave, mm.
 const LENGTH_MM: [f64; 2] = [100.0, 800.0];
+/// Range of the scale factor of the camera's distances.
 const SCALE: [f64; 2] = [0.999, 1.002];
-/// The share of the panel's length and width that the region covers.
+/// The fraction of the panel's length and width that the region covers.
 const REGION: f64 = 0.54;
-/// Number of points along each side of the region at which the path's surface is compared with the true one.
+/// Number of points along each side of the region at which the path's surface is compared with the true surface.
 const PLACES: usize = 25;
-/// Largest bow of the panels to which the target `ACCEPTED` for the accepted share applies, mm. `STATED` is the target
-/// for the share of accepted panels with a path within the stated error, `CONTACT_MM` that for the contact error.
+/// Maximum bow of the panels to which the target `ACCEPTED` applies, mm.
 const MAX_ACCEPTED_BOW_MM: f64 = 2.0;
+/// Minimum accepted fraction of these panels.
 const ACCEPTED: f64 = 0.95;
+/// Minimum fraction of accepted panels whose path is within the stated error.
 const STATED: f64 = 0.9;
+/// Maximum distance between the path's surface and the true surface, mm.
 const CONTACT_MM: f64 = 0.15;
 /// The default of `[surface] max_hole_mm`.
 const MAX_HOLE_MM: f64 = 12.0;
@@ -46,7 +50,7 @@ struct Found {
     /// Whether the camera's scale is wrong.
     is_scaled: bool,
     tried: Tried,
-    /// Mean and largest distance of the path's surface from the true one, mm; `None` without a surface.
+    /// Mean and largest distance between the path's surface and the true surface, mm; `None` without a surface.
     contact_mm: Option<[f64; 2]>,
     /// Side of the largest square of the region that the scan does not show, mm.
     hole_mm: f64,
@@ -55,7 +59,7 @@ struct Found {
     fit_ms: f64,
 }
 
-/// Locates the panels of these seeds; returns the number of targets that were missed.
+/// Locates the panels of these seeds; returns the number of missed targets.
 pub fn panels(seeds: RangeInclusive<u64>) -> usize {
     println!(
         "seed  bow mm  wave mm  length mm  scale  verdict  bend mm  rms mm  outline px  contact mm  hole mm  aside mm  stated mm  ms"
@@ -100,8 +104,8 @@ fn drawn(random: &mut Pcg64, trial: &TrialScene) -> PanelBend {
     }
 }
 
-/// Returns the panel as taught by a camera whose distances are too long by this share, and the mount that was measured
-/// with this camera at the panel's taught place.
+/// Returns the panel as taught with a camera that measures distances too long by this fraction, and the mount that was
+/// calibrated with this camera at the panel's taught pose.
 fn taught(trial: &TrialScene, scale: f64) -> (TaughtPanel, Recipe, Rigid<Base, Camera>) {
     let corners = trial.middle_px(REGION).map(|pixel| [pixel.u, pixel.v]);
     let [low, high] = TRIAL_BOX_MM;

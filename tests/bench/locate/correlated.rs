@@ -1,4 +1,4 @@
-//! Compares the stated error with the real error if the scanner's smooth errors are correlated over short or long
+//! Compares the stated error with the real error for scanners whose smooth errors are correlated over short or long
 //! distances: on panels of many shapes and on flat plates, with the results of `calibrate scanner` and with the
 //! manufacturer's specification only.
 
@@ -17,18 +17,19 @@ use std::ops::RangeInclusive;
 
 /// Correlation lengths of the smooth error, mm.
 const ALIKE_MM: [f64; 4] = [30.0, 65.0, 120.0, 200.0];
-/// The simulator's smooth error, standard deviation, mm: 0.06 mm at the nodes of its lattice, 26/35 of that on average.
+/// Standard deviation of the simulator's smooth error, mm: 0.06 mm at the nodes of its lattice, 26/35 of this on
+/// average.
 const SMOOTH_MM: f64 = 0.06 * 26.0 / 35.0;
-/// Standard deviation of the error in a camera's scale: `SCALE` is common to all scans, `BETWEEN_SCANS` varies from
-/// scan to scan.
+/// Standard deviation of the relative scale error of a camera, which is common to all its scans.
 const SCALE: f64 = 0.000_5;
+/// Standard deviation of the relative scale error that differs from scan to scan.
 const BETWEEN_SCANS: f64 = 0.0001;
-/// The share of accepted poses that is within the stated error. A smaller share means that the stated error is too
-/// small, a larger share that it is too cautious.
+/// Range of the fraction of accepted poses whose error must be within the stated error. Below the range the stated
+/// error is too small, above it too large.
 const STATED: RangeInclusive<f64> = 0.9..=1.0;
 
-/// Runs each length on both kinds of panel with these seeds, or only rows whose text contains the value of
-/// `CORRELATED`. Returns the number of missed targets.
+/// Runs each correlation length on both kinds of panel with these seeds, or only rows whose text contains the value of
+/// the environment variable `CORRELATED`. Returns the number of missed targets.
 pub fn errors(seeds: RangeInclusive<u64>) -> usize {
     let asked = std::env::var("CORRELATED").unwrap_or_default();
     let kinds: [(&str, fn(u64, usize) -> TrialScene); 2] =
@@ -75,9 +76,9 @@ pub fn errors(seeds: RangeInclusive<u64>) -> usize {
     missed + kinds.into_iter().map(scaled).sum::<usize>()
 }
 
-/// Tests a camera whose distances are too long by a fraction that is the same in all its scans, and by a second
-/// fraction that differs from scan to scan. Its mount was measured with the same camera at the panel's taught place, so
-/// the first fraction cancels there.
+/// Tests a camera that measures distances too long by a fraction that is the same in all its scans, and by a second
+/// fraction that differs from scan to scan. Its mount was calibrated with the same camera at the panel's taught pose,
+/// so the first fraction cancels at this pose.
 fn scaled(kind: &str, trial: fn(u64, usize) -> TrialScene, seeds: &RangeInclusive<u64>) -> usize {
     let range = RangeErrors {
         scale: SCALE,
@@ -106,15 +107,15 @@ fn scaled(kind: &str, trial: fn(u64, usize) -> TrialScene, seeds: &RangeInclusiv
     stated(&words, trials, range).missed
 }
 
-/// Returns a random number with this standard deviation, from a uniform distribution.
+/// Draws a number with this standard deviation from a uniform distribution.
 fn drawn(random: &mut Pcg64, deviation: f64) -> f64 {
     deviation * 3.0_f64.sqrt() * random.random_range(-1.0..1.0)
 }
 
-/// A trial, its panel as taught, and the camera's measured mount.
+/// A trial, its panel as taught, and the camera's calibrated mount.
 type Scanned = (TrialScene, (TaughtPanel, Recipe), Rigid<Base, Camera>);
 
-/// The accepted scans of one row, and how many of them are within the stated error.
+/// Number of accepted scans of one row, and number of these within the stated error.
 #[derive(Clone, Copy)]
 struct Stated {
     missed: usize,
@@ -123,15 +124,15 @@ struct Stated {
 }
 
 impl Stated {
-    /// Returns the row with the smaller share within the stated error; a row without an accepted scan counts as the
-    /// smallest.
+    /// Returns the row with the smaller fraction within the stated error; the fraction of a row without an accepted
+    /// scan is the smallest.
     fn least(self, other: Option<Stated>) -> Stated {
         let within = |row: Stated| if row.accepted == 0 { 0.0 } else { share(row.kept, row.accepted) };
         other.filter(|other| within(*other) <= within(self)).unwrap_or(self)
     }
 }
 
-/// Reports the row with the smallest share; nothing if no row of its kind was requested.
+/// Reports the row with the smallest fraction; nothing if no row of its kind was requested.
 fn reported(figure: Figure, least: Option<Stated>) {
     if let Some(Stated { kept, accepted, .. }) = least {
         super::shared(figure, kept, accepted, *STATED.start());

@@ -1,5 +1,5 @@
 //! Panels as in real scans: held by an object in their own plane, with a third of their points missing in patches that
-//! differ from scan to scan, bent or flat. They are tested with and without a person's information in the recipe.
+//! differ from scan to scan, bent or flat. They are tested with and without information by a person in the recipe.
 
 use super::goal::Figure;
 use super::{RIGHT_MM, Tried, reduction, row, share, shared, tried_with, words};
@@ -7,19 +7,19 @@ use panelprep::sim::TrialScene;
 use panelprep::verdict::Verdict;
 use std::ops::RangeInclusive;
 
-/// Share of the panel without points.
+/// Fraction of the panel's points that are missing.
 const MISSING: f64 = 0.33;
-/// Smallest accepted share of the scenes with a person's information and without missing points.
+/// Minimum accepted fraction of the scenes with information by a person and without missing points.
 const ACCEPTED: f64 = 0.9;
-/// The same share if a third of the points was missing at teaching and another third is missing now. In the other
-/// scenes a person must decide.
+/// Minimum accepted fraction if a third of the points was missing at teaching and another third is missing now. In the
+/// other scenes a person must decide.
 const MISSING_ACCEPTED: f64 = 0.5;
-/// Allowed share of scenes with missing points that cannot be taught, because a patch is as wide as a grid.
+/// Maximum fraction of scenes with missing points that cannot be taught, because a patch is as wide as a grid.
 const MAX_UNTAUGHT_SHARE: f64 = 0.05;
-/// Target share of the accepted poses whose error is within the stated uncertainty.
+/// Minimum fraction of the accepted poses whose error is within the stated uncertainty.
 const STATED_SHARE: f64 = 0.9;
 
-/// The information that a person gives about the panel.
+/// The information about the panel that a person writes into the recipe.
 #[derive(Clone, Copy, PartialEq)]
 pub(super) enum PriorKnowledge {
     Nothing,
@@ -32,11 +32,11 @@ struct Kind {
     words: &'static str,
     trial: fn(u64, usize) -> TrialScene,
     said: PriorKnowledge,
-    /// The share that must be accepted.
+    /// Minimum accepted fraction of this kind.
     floor: f64,
 }
 
-/// The kind whose numbers are in the table of figures.
+/// The kind whose results are in the table of figures.
 const TABLE_KIND: &str = "flat, marks, held, points missing, outline drawn";
 
 const KINDS: [Kind; 10] = [
@@ -97,7 +97,7 @@ const KINDS: [Kind; 10] = [
     },
 ];
 
-/// Returns the keys of the recipe's `[panel]` with the person's information.
+/// Returns the keys of the recipe's `[panel]` with this information.
 pub(super) fn keys(trial: &TrialScene, said: PriorKnowledge) -> String {
     let mut keys = String::new();
     if matches!(said, PriorKnowledge::Outline | PriorKnowledge::Both) {
@@ -112,8 +112,8 @@ pub(super) fn keys(trial: &TrialScene, said: PriorKnowledge) -> String {
     keys
 }
 
-/// Runs each kind over these seeds, or only those whose text contains the value of `HELD`. Returns the number of
-/// missed targets.
+/// Runs each kind over these seeds, or only kinds whose text contains the value of the environment variable `HELD`.
+/// Returns the number of missed targets.
 pub fn scenes(seeds: RangeInclusive<u64>) -> usize {
     let mut missed = 0;
     let asked = std::env::var("HELD").unwrap_or_default();

@@ -7,7 +7,7 @@ use panelprep::sim::TrialScene;
 use std::path::Path;
 use std::process::Command;
 
-/// The argument that makes this program the separate process.
+/// The argument with which this program runs as the separate process.
 pub const ALONE: &str = "memory-alone";
 const SEED: u64 = 1;
 const ALLOWED_MB: f64 = 600.0;
@@ -22,13 +22,13 @@ pub fn measured() -> usize {
     }
     let program = std::env::current_exe().expect("this program");
     let output = Command::new(program).arg(ALONE).arg(&folder).output().expect("started");
-    // The result is ignored: leftover files are in the system's folder for temporary files.
+    // The result is ignored: a leftover folder is inside of the system's folder for temporary files.
     let _ = std::fs::remove_dir_all(&folder);
     let most_mb = String::from_utf8_lossy(&output.stdout).trim().parse().unwrap_or(f64::NAN);
     super::row(most_mb < ALLOWED_MB, &format!("teaching and localization take {most_mb:.0} MB at most"))
 }
 
-/// Runs as the separate process: teaches, locates, and prints its peak resident memory, MB.
+/// The separate process: teaches, locates, and prints its peak resident memory, MB.
 pub fn alone(folder: &Path) {
     let trial = TrialScene::good_scene(SEED, super::reduction());
     let read = |name: &str| cloud(&std::fs::read(folder.join(name)).expect("a scan"), trial.camera());

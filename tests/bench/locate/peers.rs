@@ -1,4 +1,4 @@
-//! Localizes the panel in the same scans with this program, the thesis's method and third-party libraries; makes a
+//! Locates the panel in the same scans with this program, the thesis's method and third-party libraries; creates a
 //! table, and a plot of error against time.
 
 use super::plot::{self, Run};
@@ -12,7 +12,7 @@ use std::path::Path;
 use std::process::Command;
 use std::time::Instant;
 
-/// Localizes the panel in the same scans with this program, the thesis's method and third-party libraries.
+/// Locates the panel in the scans of these seeds with all methods, and writes the table and the plot.
 pub fn compared(seeds: RangeInclusive<u64>) {
     let mut runs: Vec<Run> = Vec::new();
     let folder = std::env::temp_dir().join(format!("panelprep-locate-{}", std::process::id()));
@@ -41,7 +41,7 @@ pub fn compared(seeds: RangeInclusive<u64>) {
         Ok(python) => runs.extend(of_peers(&python, &folder, seeds)),
         Err(_) => println!("peers: not run; `make bench-locate` sets them up"),
     }
-    // The result is ignored: leftover files are in the system's folder for temporary files.
+    // The result is ignored: a leftover folder is inside of the system's folder for temporary files.
     let _ = std::fs::remove_dir_all(&folder);
     println!("method                          scans  error mm: median  largest   right  ms: median");
     for method in plot::methods(&runs) {

@@ -1,4 +1,4 @@
-//! A plot of error against time: logarithmic axes, a colour for each method.
+//! A plot of error against time with logarithmic axes and a colour for each method.
 
 use std::fmt::Write as _;
 
@@ -32,11 +32,12 @@ const LEFT: f64 = 70.0;
 const RIGHT: f64 = 230.0;
 const TOP: f64 = 40.0;
 const BOTTOM: f64 = 50.0;
-/// Smallest and largest power of ten on the time axis, ms; `MM` contains those of the error axis, mm.
+/// Minimum and maximum power of ten on the time axis, ms.
 const MS: [f64; 2] = [1.0, 5.0];
+/// Minimum and maximum power of ten on the error axis, mm.
 const MM: [f64; 2] = [-2.0, 3.0];
 
-/// Returns the plot as an SVG.
+/// Returns the plot as an SVG document.
 pub fn svg(runs: &[Run]) -> String {
     let across =
         |ms: f64| LEFT + (ms.log10().clamp(MS[0], MS[1]) - MS[0]) / (MS[1] - MS[0]) * (SIZE[0] - LEFT - RIGHT);

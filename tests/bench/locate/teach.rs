@@ -1,4 +1,4 @@
-//! Teaching from scans with large parts missing. Measures the number of panels that are taught, and the distance of
+//! Teaching from scans with large parts missing. Measures the number of panels that can be taught, and the distance of
 //! their grids' edges from those taught with the complete scan, at the same pixels.
 
 use super::goal::Figure;
@@ -8,16 +8,16 @@ use panelprep::panel::{LearnError, TaughtPanel};
 use panelprep::sim::TrialScene;
 use std::ops::RangeInclusive;
 
-/// Shares of the panel without points.
+/// Fractions of the panel's points that are missing.
 const MISSING: [f64; 3] = [0.2, 0.35, 0.5];
-/// Minimum share of the panels that must be taught.
+/// Minimum fraction of the panels that must be taught.
 const TAUGHT: f64 = 0.95;
-/// Allowed deviation of an edge along the view, mm. In a picture that is taken at 30° from the side, the edge moves
-/// sideways by half of that. The edge determines only to which grid a break belongs; no pose depends on it.
+/// Maximum error of an edge along the view, mm. In a picture captured at 30° from the side, the edge moves sideways by
+/// half of this. The edge determines only to which grid a break belongs; no pose depends on it.
 const MAX_EDGE_ERROR_MM: f64 = 2.0;
 
-/// Teaches with each missing share on both kinds of panel, with these seeds; returns the number of targets that
-/// were missed.
+/// Teaches both kinds of panel with each fraction of missing points, for these seeds; returns the number of missed
+/// targets.
 pub fn panels(seeds: RangeInclusive<u64>) -> usize {
     let bent = Figures {
         taught: Figure("locate: taught with 20, 35, 50 % of the points missing, bent panels"),
@@ -27,7 +27,7 @@ pub fn panels(seeds: RangeInclusive<u64>) -> usize {
     kind(("bent", TrialScene::good_scene), &seeds, &bent) + kind(("flat", TrialScene::flat_scene), &seeds, &flat)
 }
 
-/// The figures of a kind of panel: how many were taught, and the error of their grids' edges.
+/// The figures of a kind of panel: the fraction that was taught, and the error of the grids' edges.
 struct Figures {
     taught: Figure,
     off: Figure,
@@ -51,7 +51,8 @@ fn kind((words, trial): KindOfPanel, seeds: &RangeInclusive<u64>, figures: &Figu
     found.iter().map(|found| found.missed).sum()
 }
 
-/// The panels of one kind with one share of missing points: how many were taught, the largest error of an edge.
+/// The results for one kind of panel with one fraction of missing points: the number of panels that were taught, and
+/// the largest error of an edge.
 struct Taught {
     missed: usize,
     done: usize,

@@ -10,8 +10,9 @@ use panelprep::recipe::Recipe;
 use panelprep::sim::{Cell, PanelPosition, SEARCH_BOX_MM, Scene};
 use std::ops::RangeInclusive;
 
-/// Smallest shift that must be found, mm. Shifts up to `MAX_UNREPORTED_SHIFT_MM` must not be reported.
+/// Minimum shift that must be reported, mm.
 const MIN_FOUND_SHIFT_MM: f64 = 0.3;
+/// Maximum shift that must not be reported, mm.
 const MAX_UNREPORTED_SHIFT_MM: f64 = 0.1;
 
 struct Corner {
@@ -31,7 +32,7 @@ pub fn verifications(seeds: RangeInclusive<u64>) -> usize {
             TaughtPanel::learn(&cell.taught_scan(), *cell.scanner(), base_from_camera, &recipe).expect("a panel");
         let place = cell.truth().base_from_panel;
         let corners = corners(&cell, &panel, &recipe);
-        // The pose is refined on the dry panel, from the pose to which a rough localization sends the camera.
+        // The pose is refined on the dry panel, with the camera at the pose that follows from a rough localization.
         let refined = look(&cell, &recipe, &corners, place, place, false);
         // Distance by which the panel is moved in its plane before the wet pictures; zero for one seed in ten.
         let length_mm = if seed % 10 == 0 { 0.0 } else { 2.0 * ((seed * 37 % 101) as f64 / 100.0) };
@@ -99,8 +100,8 @@ fn corners(cell: &Cell, panel: &TaughtPanel, recipe: &Recipe) -> Vec<Corner> {
     cell.corner_views().into_iter().enumerate().map(teach).collect()
 }
 
-/// Returns the refinement from both corners, with the assumed pose `place`, of the panel that stands at the pose
-/// `stands`.
+/// Returns the refinement from both corners of the panel. `place` is the assumed pose, `stands` the true pose of the
+/// panel.
 fn look(
     cell: &Cell,
     recipe: &Recipe,

@@ -1,15 +1,15 @@
-//! Computes the plain distance of a point from a mesh, like CloudCompare's cloud-to-mesh distance: from the nearest
+//! Computes the simple distance of a point from a mesh, like CloudCompare's cloud-to-mesh distance: to the nearest
 //! triangle, with the sign of its normal, without smoothing and without an uncertainty.
 
 use nalgebra::{Point3, Vector3};
 use panelprep::nominal::Part;
 use std::collections::HashMap;
 
-/// Side of the cells that list their triangles, mm. For a point within this distance of the mesh, the nearest triangle
-/// is found.
+/// Side of the cells that contain lists of triangles, mm. The nearest triangle is found for points within this distance
+/// of the mesh.
 const CELL_MM: f64 = 4.0;
 
-/// A mesh whose triangles are found by their cells in x and y: the drawings of trial panels are height fields.
+/// A mesh whose triangles are listed by cells in x and y, because the drawings of trial panels are height fields.
 pub struct MeshDistance<'a> {
     part: &'a Part,
     cells: HashMap<[i64; 2], Vec<usize>>,
@@ -47,8 +47,8 @@ impl<'a> MeshDistance<'a> {
     }
 }
 
-/// Returns the point of a triangle that is nearest to a point: the foot on its plane, or else the nearest point of its
-/// sides.
+/// Returns the point of a triangle that is nearest to a point: the foot of the perpendicular on the triangle's plane,
+/// or else the nearest point of its sides.
 fn nearest(point: &Point3<f64>, corners: [&Point3<f64>; 3]) -> Point3<f64> {
     let [a, b, c] = corners;
     let normal = (b - a).cross(&(c - a));
@@ -66,8 +66,8 @@ fn nearest(point: &Point3<f64>, corners: [&Point3<f64>; 3]) -> Point3<f64> {
     sides.into_iter().min_by(|one, other| (point - one).norm().total_cmp(&(point - other).norm())).unwrap_or(*a)
 }
 
-/// Checks the distance at points calculated by hand: above the middle of a triangle, beside a side, and beside a
-/// corner.
+/// Checks the distances of three points, calculated by hand: above the middle of a triangle, beside a side, and beside
+/// a corner.
 pub fn check() {
     let [a, b, c] = [Point3::origin(), Point3::new(2.0, 0.0, 0.0), Point3::new(0.0, 2.0, 0.0)];
     for (point, expected) in [([0.5, 0.5, 3.0], 3.0), ([1.0, -4.0, 3.0], 5.0), ([-3.0, -4.0, 0.0], 5.0)] {

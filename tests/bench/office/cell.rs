@@ -12,17 +12,17 @@ use std::time::Duration;
 
 /// Pause between two cycles.
 const CYCLE_PAUSE: Duration = Duration::from_millis(500);
-/// Bytes of the one picture of a cycle, unless another size is requested.
+/// Default size of the single picture of a cycle, bytes.
 pub const PICTURE_BYTES: usize = 20_000;
 
-/// Starts this program as a cell.
+/// Starts this program as a cell process.
 pub fn start(name: &str, folder: &Path, broker_port: u16, cycles: usize) -> Child {
     let mut command = Command::new(std::env::current_exe().expect("this program"));
     command.args(["--cell", name]).arg(folder).args([broker_port.to_string(), cycles.to_string()]);
     command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("it starts")
 }
 
-/// Acts as a cell until it is killed: writes until its store has this number of cycles, and sends.
+/// Runs as a cell until the process is killed: writes cycles until its store has this number, and sends records.
 pub fn run(arguments: &[String]) -> ExitCode {
     let [name, folder, port, cycles] = arguments else { return ExitCode::FAILURE };
     let folder = Path::new(folder);
@@ -88,7 +88,7 @@ pub fn has_written(folder: &Path, cycles: usize) -> bool {
     ended.is_ok_and(|count| count >= cycles) && signed.is_ok_and(|count| count >= cycles)
 }
 
-/// Returns the number of the last record up to which, as the cell knows, the archive has all records.
+/// Returns the number of the last record up to which the archive has confirmed all records to the cell.
 pub fn archived(folder: &Path) -> u64 {
     let text = std::fs::read_to_string(folder.join("office.json")).unwrap_or_default();
     let found: serde_json::Value = serde_json::from_str(&text).unwrap_or_default();

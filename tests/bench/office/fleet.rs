@@ -1,4 +1,4 @@
-//! Measures the response time of the office's pages with a large database: the 95th percentile for each page.
+//! Measures the response time of the office server's pages with a large database: the 95th percentile for each page.
 
 use super::Plant;
 use super::goal::{Figure, larger};
@@ -13,7 +13,7 @@ pub const SLOWEST_PAGE: Figure = Figure("office: slowest page, p95");
 /// Number of requests for each page.
 const REQUESTS: usize = 60;
 const CELLS: usize = 50;
-/// Quantities of each cycle, as in a real cycle.
+/// Names of the quantities of each cycle, as in a real cycle.
 const QUANTITIES: [&str; 12] = [
     "localization-residual",
     "outline-residual",
@@ -29,7 +29,7 @@ const QUANTITIES: [&str; 12] = [
     "disc-swept",
 ];
 
-/// Returns the SQL for rows as the archive writes them: half of the records are ends of cycles, half are
+/// Returns the SQL that inserts rows as the archive writes them: half of the records are ends of cycles, half are
 /// signatures.
 fn filling(cycles: usize) -> String {
     let quantities = QUANTITIES.map(|word| format!("'{word}'")).join(",");

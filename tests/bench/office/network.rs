@@ -16,7 +16,7 @@ struct Counts {
     held_up: AtomicU64,
 }
 
-/// The network; cells connect to its port.
+/// The simulated network; cells connect to its port.
 pub struct Network {
     pub port: u16,
     counts: Arc<Counts>,
@@ -44,7 +44,7 @@ impl Network {
         Network { port, counts }
     }
 
-    /// Stops cutting connections from now on.
+    /// Connections are no longer cut from now on.
     pub fn heal(&self) {
         self.counts.is_healed.store(true, Ordering::Relaxed);
     }
@@ -58,8 +58,8 @@ impl Network {
     }
 }
 
-/// Passes bytes on. One block in 200 is cut in its middle and the connection ends there; one in 100 is delayed by up to
-/// three seconds.
+/// Forwards bytes. One block in 200 is cut in its middle and the connection ends; one in 100 is delayed by up to three
+/// seconds.
 fn pass(mut from: TcpStream, mut to: TcpStream, mut random: Pcg64Mcg, counts: &Counts) {
     let mut buffer = [0; 16_384];
     while let Ok(count @ 1..) = from.read(&mut buffer) {

@@ -1,6 +1,6 @@
 //! Compares edges, curvature and tilt with a finer reference of our own: stationary discs every 0.1 mm, each at 24
-//! points of its orbit, with the force balanced over a square grid of 0.15 mm. It uses the same formulas for the pad as
-//! the code under test, but none of its code.
+//! points of its orbit, with the force balanced over a square grid of 0.15 mm. The reference uses the same formulas for
+//! the pad as the code under test, but none of its code.
 
 use super::goal::{Figure, larger};
 use super::scene::{FORCE_N, ORBIT, PAD, PRESTON_MM2_PER_N, bent, disc, exact_model, pose, region};
@@ -12,15 +12,15 @@ use panelprep::surface::{Parameter, Treated};
 use std::f64::consts::TAU;
 
 const OFF_PERCENT: f64 = 3.0;
-/// Sides a little shorter than whole millimetres, so that samples are 1 mm apart.
+/// Sides slightly shorter than whole millimetres, so that sample points are 1 mm apart.
 const SIDES_MM: [f64; 2] = [119.999_9, 79.999_9];
 const FEED_MM_S: f64 = 60.0;
 const STEP_MM: f64 = 0.1;
 const NET_MM: f64 = 0.15;
 const PHASES: usize = 24;
 
-/// A path line along x at this y, on a surface of these curvatures, with the tool leaning about Y and the panel
-/// ending at this y.
+/// A path line along x at this y on a surface with these curvatures; the tool leans about Y, and the panel ends at a
+/// second y.
 struct Case {
     name: &'static str,
     bends: [f64; 2],

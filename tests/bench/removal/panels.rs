@@ -25,19 +25,20 @@ const PANELS: u64 = 20;
 const SIDES_MM: [f64; 2] = [320.0, 240.0];
 pub const TARGET_UM: f64 = 30.0;
 const MAX_UM: f64 = 45.0;
-/// Allowed deviation from the target, percent.
+/// Maximum deviation from the target depth, percent.
 const WITHIN_PERCENT: f64 = 10.0;
 const SHARE: f64 = 0.95;
 const HELD: [f64; 2] = [0.90, 0.99];
 const COUPONS: usize = 12;
-/// Standard deviation of the difference from piece to piece, coupon or panel. `MEASURED_DEVIATION` is that of a
-/// measured depth, `FORCE_BIAS` that of the force's bias from panel to panel, and `FORCE_NOISE` that of its noise
-/// from pose to pose.
+/// Relative standard deviation of k from piece to piece (coupon or panel).
 const PIECE_DEVIATION: f64 = 0.02;
+/// Relative standard deviation of a measured depth.
 const MEASURED_DEVIATION: f64 = 0.022;
+/// Relative standard deviation of the force's bias from panel to panel.
 const FORCE_BIAS: f64 = 0.015;
+/// Relative standard deviation of the force's noise from pose to pose.
 const FORCE_NOISE: f64 = 0.04;
-/// The recipe's uncertainty of the force, 95 %.
+/// The relative 95 % uncertainty of the force in the recipe.
 const FORCE_SHARE_95: f64 = 0.04;
 
 /// The true values, which are not known at the cell.
@@ -45,7 +46,7 @@ struct Truth {
     preston_mm2_per_n: f64,
     decay_per_mm2: f64,
     worn_mm2: f64,
-    /// Ratio of this panel's k to the disc's k on another piece.
+    /// Ratio of k on this panel to the disc's k on an average piece.
     piece: f64,
 }
 
@@ -130,12 +131,12 @@ pub fn path_recipe(more: &str) -> Recipe {
 }
 
 fn outline() -> Vec<Point<Panel>> {
-    // The outline is so far outside the region that no disc reaches it.
+    // The outline is so far outside of the region that no disc reaches it.
     let [w, h] = SIDES_MM.map(|side| 0.5 * side + 60.0);
     [(-w, -h), (w, -h), (w, h), (-w, h)].map(|(x, y)| Point::at(x, y, 0.0)).to_vec()
 }
 
-/// Returns the plan with scheduled feeds, as the stage makes it.
+/// Returns the plan with scheduled feeds, as the stage computes it.
 pub fn scheduled_plan(
     (surface, region): (&BSplineSurface, &Region),
     recipe: &Recipe,
@@ -156,7 +157,7 @@ pub fn scheduled_plan(
     laid.with_feeds(&feeds_mm_s, settings)
 }
 
-/// Returns a plan whose lines are laid as far beyond the border as in the stage's plan.
+/// Returns a plan whose lines extend beyond the border as far as in the stage's plan.
 pub fn beyond(surface: &BSplineSurface, region: &Region, grids: &[GridId], recipe: &Recipe) -> Plan {
     let beyond_mm = 0.4 * PAD.radius_mm;
     let holes = HoleMap::empty(region);
@@ -170,7 +171,7 @@ pub fn beyond(surface: &BSplineSurface, region: &Region, grids: &[GridId], recip
     .expect("a plan")
 }
 
-/// Returns a plan with today's constant feed, chosen such that the mean removal is the target.
+/// Returns a plan with a constant feed, which is chosen such that the mean removal is the target.
 fn constant_plan((surface, region): (&BSplineSurface, &Region), model: &Model, truth: &Truth) -> Plan {
     let grids: Vec<GridId> = region.ids().collect();
     let recipe = path_recipe("");
@@ -183,7 +184,7 @@ fn constant_plan((surface, region): (&BSplineSurface, &Region), model: &Model, t
     laid.with_feeds(&feeds_mm_s, recipe.path())
 }
 
-/// Returns the model that results from coupons made with this sander.
+/// Returns the model that is fitted to coupons sanded with this sander.
 fn by_coupons(truth: &Truth, random: &mut Pcg64Mcg) -> Model {
     let tool = CouponTool { pad: PAD, orbit: ORBIT };
     let coupons: Vec<Coupon> = (0..COUPONS)
@@ -228,7 +229,7 @@ fn normal(random: &mut Pcg64Mcg) -> f64 {
     (-2.0 * a.ln()).sqrt() * b.cos()
 }
 
-/// Returns the same poses with a force that has a bias for the panel and a noise that lasts for some poses.
+/// Returns the same poses with a force that has a bias for the panel, and noise that is constant over some poses.
 fn pressed(poses: &[ExecutedPose], random: &mut Pcg64Mcg) -> Vec<ExecutedPose> {
     let bias = FORCE_BIAS * normal(random);
     let (mut slow, keep) = (0.0, 0.8_f64);
@@ -255,8 +256,8 @@ fn share_within(map: &RemovalMap) -> f64 {
     panelprep::removal::figures::MapFigures::share_within(map, TARGET_UM, WITHIN_PERCENT)
 }
 
-/// Returns the largest depth, µm, the share of positions with a true depth within the stated limits, and the share of
-/// the treated area within ±10 % of the target. The true depths are multiplied by `times` first.
+/// Returns three results for the true depths, multiplied by `times`: the largest depth, µm, the fraction of points
+/// whose depth is within the stated limits, and the fraction of the treated area within ±10 % of the target.
 fn compared(expected: &RemovalMap, truth: &RemovalMap, times: f64) -> [f64; 3] {
     let (mut deepest, mut held, mut all, mut within, mut treated) = (0.0, 0.0, 0.0, 0.0, 0.0);
     for (grid, exact) in expected.grids.iter().zip(&truth.grids) {

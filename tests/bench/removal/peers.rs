@@ -1,8 +1,8 @@
 //! Comparison with mr-sim (PyPI) in one run: lines over a flat part and over parts of constant curvature.
 //!
-//! mr-sim adds up the removal by stationary discs in small steps on a grid of 1 mm. The speed of its grains is that of
-//! the orbit only, and the rim of its disc does not move with the orbit; ours has the same settings. The bench compares
-//! the depth across the lane, away from the rim, where a grid of 1 mm is not exact.
+//! mr-sim adds up the removal by stationary discs in small steps on a grid of 1 mm. Its grain speed is that of the
+//! orbit only, and the rim of its disc does not take part in the orbital motion; our model has the same settings here.
+//! The bench compares the depth across the lane, away from the rim, where a grid of 1 mm is not exact.
 
 use super::goal::{Figure, larger};
 use super::scene::{FORCE_N, ORBIT, PAD, PRESTON_MM2_PER_N, bent, disc, exact_model, pose, region};
@@ -19,17 +19,17 @@ const OFF_PERCENT: f64 = 2.0;
 const FASTER: f64 = 20.0;
 const OFF: Figure = Figure("removal: off mr-sim");
 const TIMES_FASTER: Figure = Figure("removal: times faster than mr-sim, least");
-/// Sides a little shorter than whole millimetres, so that samples are 1 mm apart.
+/// Sides slightly shorter than whole millimetres, so that sample points are 1 mm apart.
 const SIDES_MM: [f64; 2] = [119.999_9, 59.999_9];
 const FEED_MM_S: f64 = 60.0;
-/// The case's name and its curvatures, 1/mm.
+/// Name of the case, and its curvatures, 1/mm.
 const CASES: [(&str, [f64; 2]); 4] = [
     ("flat", [0.0, 0.0]),
     ("sphere of 800 mm radius, completely in contact", [1.0 / 800.0, 1.0 / 800.0]),
     ("1/1000 by 1/500 mm", [1.0 / 1_000.0, 1.0 / 500.0]),
     ("sphere of 120 mm radius, in contact in its middle", [1.0 / 120.0, 1.0 / 120.0]),
 ];
-/// Distance from the rim below which a grid of 1 mm is not exact, mm.
+/// Minimum distance from the rim at which a grid of 1 mm is exact, mm.
 const RIM_MM: f64 = 2.0;
 
 pub fn measure() -> usize {
@@ -98,7 +98,7 @@ fn ours(bends: [f64; 2]) -> (Vec<f64>, f64) {
     let rows = grid.depth_um.len() / grid.columns;
     let across: Vec<f64> =
         (0..rows).map(|row| f64::from(grid.depth_um[row * grid.columns + grid.columns / 2])).collect();
-    // mr-sim's samples are at whole millimetres, ours at half millimetres.
+    // mr-sim's sample points are at whole millimetres, ours at half millimetres.
     let whole = std::iter::once(across[0]).chain(across.windows(2).map(|pair| 0.5 * (pair[0] + pair[1])));
     (whole.collect(), seconds)
 }

@@ -1,4 +1,4 @@
-//! Panels, discs and paths of this bench.
+//! Panels, discs and paths of the removal bench.
 
 use panelprep::geometry::{Panel, Point, Rigid, Tool};
 use panelprep::panel::Region;
@@ -39,7 +39,7 @@ pub fn exact_model() -> Model {
 /// exactly.
 pub fn bent([width_mm, height_mm]: [f64; 2], [k1, k2]: [f64; 2]) -> BSplineSurface {
     let knots = || KnotVector::uniform(3, 1, 0.0..=1.0).expect("knots");
-    // The control points of t and of t² on 0…1 as a cubic.
+    // The control points of t and of t² on 0…1 as cubic functions.
     let (line, square) = ([0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0], [0.0, 0.0, 1.0 / 3.0, 1.0]);
     // (t − ½)² = t² − t + ¼
     let centred = |n: usize| square[n] - line[n] + 0.25;
@@ -52,7 +52,7 @@ pub fn bent([width_mm, height_mm]: [f64; 2], [k1, k2]: [f64; 2]) -> BSplineSurfa
     BSplineSurface::new([knots(), knots()], (0..16).map(control).collect(), viewer).expect("a surface")
 }
 
-/// Returns a recipe with a region of this number of grids, and more lines.
+/// Returns a recipe with a region of this number of grids, and the additional lines `more`.
 pub fn recipe([rows, columns]: [usize; 2], more: &str) -> Recipe {
     let text = format!(
         "panel = \"p\"\n[region]\ncorners_px = [[100, 100], [500, 100], [500, 400], [100, 400]]\nrows = {rows}\ncolumns = {columns}\n\
@@ -65,8 +65,8 @@ pub fn region(grids: [usize; 2]) -> Region {
     Region::new(recipe(grids, "").region()).expect("convex")
 }
 
-/// Returns the pose with the tool's point at this position and the pad along the surface's normal, leaning by an
-/// angle about Y.
+/// Returns the pose with the tool's point at this position and the pad along the surface's normal, tilted by an angle
+/// about Y.
 pub fn pose(at: [f64; 3], normal: [f64; 3], (lean_deg, seconds): (f64, f64)) -> ExecutedPose {
     use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector3};
     let away = Vector3::from(normal).normalize();

@@ -6,10 +6,10 @@ use std::os::unix::net::UnixStream;
 use std::path::Path;
 use std::time::Duration;
 
-/// Time after which an answer counts as missing.
+/// Time after which a reply is treated as missing.
 pub const RESPONSE_TIMEOUT: Duration = Duration::from_secs(30);
 
-/// Sends one line to the socket and returns the answer.
+/// Sends one line to the socket and returns the reply.
 pub fn ask(socket: &Path, line: &str) -> io::Result<Value> {
     let mut stream = UnixStream::connect(socket)?;
     stream.set_read_timeout(Some(RESPONSE_TIMEOUT))?;

@@ -14,19 +14,19 @@ use tempfile::TempDir;
 const PORTS: [u16; 2] = [54_606, 54_607];
 /// Ports of a copied cell.
 pub const OTHER_PORTS: [u16; 2] = [54_608, 54_609];
-/// The controller's address: the controller listens there, and the service connects to it there.
+/// The address at which the controller listens, and to which the service connects.
 const CONTROLLER_ADDRESS: IpAddr = IpAddr::V4(Ipv4Addr::LOCALHOST);
-/// The account of the clients that read the page.
+/// The account (name and password) of the clients that read the page.
 pub const VIEWER: (&str, &str) = ("viewer", "correct horse");
 
 const LINE: &str = "\n[line]\nrecipe = 'recipe.toml'\n";
 
-/// How the cell's time passes, and what starts the cycles.
+/// The clock of the cell, and the source of its start requests.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Pace {
-    /// Time passes in real time; a person starts cycles.
+    /// Real time; a person starts cycles.
     Wall,
-    /// Time passes in lock step with the program; a simulated production line starts cycles.
+    /// Virtual time in lock step with the program; a simulated production line starts cycles.
     Line,
 }
 
@@ -40,8 +40,8 @@ pub struct Prepared {
 }
 
 impl Prepared {
-    /// Copies the cell to a separate folder: its service connects to the controller at `sought`, where the page listens
-    /// too, and the controller listens at `controller`.
+    /// Copies the cell to a separate folder. The controller listens at the address `controller`. The service connects
+    /// to the address `sought`, at which its page also listens.
     pub fn copied(&self, sought: IpAddr, controller: IpAddr) -> Self {
         let folder = tempfile::tempdir().expect("a folder");
         copy(&self.folder.path().join("cell"), &folder.path().join("cell"));
@@ -64,7 +64,7 @@ impl Prepared {
         self.folder.path().join("cell/recipe.toml")
     }
 
-    /// Returns a file that the service names relative to its own folder.
+    /// Returns the path of a file that the service's configuration names relative to its folder.
     pub fn in_folder(&self, file: &str) -> PathBuf {
         self.folder.path().join(file)
     }
@@ -73,7 +73,7 @@ impl Prepared {
         fs::read_to_string(self.folder.path().join("run.log")).unwrap_or_default()
     }
 
-    /// Returns the controller's own log, if the controller is a separate process.
+    /// Returns the controller's log, if the controller is a separate process.
     pub fn controller_log(&self) -> String {
         fs::read_to_string(self.folder.path().join("robot.log")).unwrap_or_default()
     }
@@ -181,7 +181,7 @@ impl Drop for Killed {
     }
 }
 
-/// The service, and the controller if it is a separate process.
+/// The running service, and the controller if it is a separate process.
 pub struct Running<'p> {
     prepared: &'p Prepared,
     service: Killed,
@@ -195,8 +195,8 @@ impl<'p> Running<'p> {
         Running::start_with(prepared, parts)
     }
 
-    /// Starts the controller and the service, with more arguments for the service, and waits until the service
-    /// listens.
+    /// Starts the controller and the service, and waits until the service listens; `more` contains additional arguments
+    /// for the service.
     pub fn start_with(prepared: &'p Prepared, more: &str) -> (Self, Watchdog) {
         let folder = prepared.folder.path();
         let notify = folder.join("notify");
@@ -234,7 +234,7 @@ impl<'p> Running<'p> {
         matches!(self.service.0.try_wait(), Ok(None))
     }
 
-    /// Returns how the service ended, with its last log lines, if it was not ordered to end.
+    /// Returns how the service ended, with its last log lines, if it ended without a request.
     pub fn ended_by_itself(&mut self) -> Option<String> {
         let status = self.service.0.try_wait().expect("its status")?;
         let log = self.prepared.log();

@@ -1,11 +1,11 @@
-//! systemd's side of the watchdog: a datagram socket, and the longest time between two signs of life.
+//! systemd's side of the watchdog: a datagram socket, and the longest interval between two notifications.
 
 use std::os::unix::net::UnixDatagram;
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-/// The same as `WatchdogSec` in `config/panelprep.service`.
+/// The value of `WatchdogSec` in `config/panelprep.service`.
 pub const WATCHDOG_TIMEOUT: Duration = Duration::from_secs(10);
 
 #[derive(Debug, Default)]
@@ -15,13 +15,13 @@ struct WatchdogStats {
     largest_gap: Duration,
 }
 
-/// The signs of life that were received so far.
+/// Statistics of the notifications that were received so far.
 #[derive(Debug, Clone, Default)]
 pub struct Watchdog(Arc<Mutex<WatchdogStats>>);
 
 impl Watchdog {
-    /// Listens at this path until the program ends. The time is recorded when a datagram is read, so a reader that is
-    /// late only makes one interval longer and the next one shorter.
+    /// Listens at this path until the program ends. The time is recorded when a datagram is read; a late reader only
+    /// makes one interval longer and the next one shorter.
     pub fn listen(path: &Path) -> Self {
         let socket = UnixDatagram::bind(path).expect("a socket");
         let watchdog = Watchdog::default();
@@ -30,7 +30,7 @@ impl Watchdog {
             let mut bytes = [0; 4_096];
             while let Ok(count) = socket.recv(&mut bytes) {
                 let text = String::from_utf8_lossy(&bytes[..count]);
-                // systemd counts from the moment when the service is ready.
+                // systemd measures the first interval from the moment at which the service is ready.
                 if text.lines().any(|line| line == "WATCHDOG=1" || line == "READY=1") {
                     heard.record(Instant::now());
                 }
@@ -50,7 +50,7 @@ impl Watchdog {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).signs
     }
 
-    /// Returns the longest time between two signs of life, including the gap that has not ended yet.
+    /// Returns the longest interval between two notifications, including the present one.
     pub fn largest_gap(&self) -> Duration {
         let heard = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         heard.largest_gap.max(heard.last.map_or(Duration::ZERO, |last| last.elapsed()))

@@ -1,4 +1,4 @@
-//! The clients of the service while it runs: those that send requests, and those that send nothing.
+//! The clients of the service: those that send requests, and those that send nothing.
 
 use super::asking::{RESPONSE_TIMEOUT, ask};
 use super::cell::{Prepared, VIEWER};
@@ -14,13 +14,14 @@ use std::time::{Duration, Instant};
 
 /// Number of programs that poll the socket.
 const POLLERS: usize = 3;
-/// Number of pages whose events are read; `READERS` is the number of pages that people open and leave.
+/// Number of clients that read the events of a page.
 const FOLLOWERS: usize = 4;
+/// Number of clients that open and leave pages, as people do.
 const READERS: usize = 2;
 /// Number of connections of each kind that send nothing or half a request.
 const SILENT_CLIENTS: usize = 6;
-/// The service reports the state of the cell at least once a second. Time without an event after which this requirement
-/// counts as violated.
+/// Time without an event after which the check fails; the service reports the state of the cell at least once per
+/// second.
 const EVENT_TIMEOUT: Duration = Duration::from_secs(20);
 
 /// Counts that all clients share.
@@ -40,7 +41,7 @@ pub struct Counts {
     orders_by_word: Mutex<BTreeMap<String, u64>>,
 }
 
-/// Ends all clients when it is dropped.
+/// Ends all clients when this value is dropped.
 pub struct Ends<'c>(&'c Counts);
 
 impl Drop for Ends<'_> {
@@ -88,7 +89,7 @@ impl Counts {
             1;
     }
 
-    /// Counts a request without an answer, or a connection that could not be made.
+    /// Counts a request without a reply, or a connection that failed.
     pub fn failed(&self, what: &str, error: &io::Error) {
         let is_refused = matches!(
             error.kind(),
@@ -152,7 +153,7 @@ fn poll(cell: &Prepared, counts: &Counts) {
     counts.rest(Duration::from_millis(200));
 }
 
-/// Leaves a page open for some time and reads its events as they come.
+/// A client that opens a page for some time and reads its events as they arrive.
 fn follow(cell: &Prepared, counts: &Counts) {
     let (since, stays) = (Instant::now(), Duration::from_secs(5 + counts.events.load(Ordering::Relaxed) % 60));
     let read = || {
@@ -173,7 +174,7 @@ fn follow(cell: &Prepared, counts: &Counts) {
     }
 }
 
-/// Acts as a browser that requests events and does not read them.
+/// A browser that requests events and does not read them.
 fn does_not_read(cell: &Prepared, counts: &Counts) {
     let asked = http::connect(cell.page).and_then(|mut stream| {
         stream.write_all(format!("{}\r\n", http::head(cell.page, "GET /events", None)).as_bytes())?;
@@ -186,8 +187,7 @@ fn does_not_read(cell: &Prepared, counts: &Counts) {
     count(&counts.silent);
 }
 
-/// Acts as a person who logs in, looks at everything several times, and logs in again. The service forgets the
-/// abandoned session.
+/// A person who logs in, reads all pages several times, and logs in again. The service forgets the abandoned session.
 fn read_pages(cell: &Prepared, counts: &Counts) {
     let (name, password) = VIEWER;
     let words = format!("{{\"name\":\"{name}\",\"password\":\"{password}\"}}");
@@ -217,7 +217,7 @@ fn read_pages(cell: &Prepared, counts: &Counts) {
     }
 }
 
-/// Opens connections and closes them at once, and sends lines that are not a request.
+/// A client that opens connections and closes them at once, and sends lines that are not a request.
 fn come_and_go(cell: &Prepared, counts: &Counts) {
     for _ in 0..5 {
         drop(UnixStream::connect(cell.socket()));

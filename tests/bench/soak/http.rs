@@ -1,10 +1,10 @@
-//! The part of a browser that the soak test needs: one request for each connection, with the answer read to its end.
+//! A minimal HTTP client for the soak test: one request per connection, with the response read to its end.
 
 use super::asking::RESPONSE_TIMEOUT;
 use std::io::{self, Read, Write};
 use std::net::{SocketAddr, TcpStream};
 
-/// An answer's status, and the session that begins with it.
+/// The status of a response, and the session that the response begins.
 #[derive(Debug)]
 pub struct Answer {
     pub status: u16,
@@ -18,7 +18,7 @@ pub fn connect(page: SocketAddr) -> io::Result<TcpStream> {
     Ok(stream)
 }
 
-/// Returns the header of a request, up to the empty line that ends it.
+/// Returns the header of a request, including the empty line at its end.
 pub fn head(page: SocketAddr, what: &str, session: Option<&str>) -> String {
     let cookie = session.map(|session| format!("cookie: {session}\r\n")).unwrap_or_default();
     format!("{what} HTTP/1.1\r\nhost: {page}\r\n{cookie}")

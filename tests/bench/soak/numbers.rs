@@ -1,5 +1,5 @@
-//! Samples of a process's resources and their growth. The smallest value of each period is used, because the process
-//! frees the memory of a cycle or a client later.
+//! Samples of a process's resources, and the growth of these resources. The smallest value of each period is used,
+//! because the process frees the memory of a cycle or a client with a delay.
 
 use std::fmt;
 use std::fs;
@@ -39,12 +39,12 @@ pub struct Period {
     most: Sample,
 }
 
-/// A measured resource: its name, its unit, and its allowed growth in an hour; if no growth is given, a share of the
-/// resource's size is allowed.
+/// A measured resource: its name, its unit, its maximum growth per hour, and its value in a sample. Without a maximum
+/// growth, a fraction of the resource's size is the limit.
 type Named = (&'static str, &'static str, Option<f64>, fn(&Sample) -> f64);
 
 impl Period {
-    /// The resources whose lowest value is judged. Resident memory of files is not judged, because the system frees
+    /// The resources whose lowest value is checked. Resident memory of files is not checked, because the system frees
     /// it when needed.
     pub const LOWEST: [Named; 3] = [
         ("memory of its own", "kB", None, |sample| sample.anonymous_kb),
@@ -86,7 +86,7 @@ impl fmt::Display for Period {
     }
 }
 
-/// A straight line through the periods by least squares.
+/// A least-squares line through the values of the periods.
 #[derive(Debug, Clone, Copy)]
 pub struct Growth {
     pub mean: f64,

@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 const POLL_INTERVAL: Duration = Duration::from_millis(100);
 /// Time after which the operator resets a complete cell; a production line resets the cell earlier by itself.
 const LINE_RESET_TIMEOUT: Duration = Duration::from_secs(10);
-/// Time for which a held cell rests. Without holds, the simulated line's cycles would take no real time.
+/// Time for which a cell is held. Without holds, the simulated line's cycles would take no real time.
 const HOLD_TIME: Duration = Duration::from_secs(3);
 
 /// Disturbances of cycles: divisor and remainder of the cycle's number, and the request.
@@ -34,15 +34,16 @@ struct Operator<'s> {
     cell: &'s Prepared,
     counts: &'s Counts,
     started: u64,
-    /// The last cycle whose end was observed, and the last disturbed cycle.
+    /// Number of the last cycle whose end was observed.
     ended: i64,
+    /// Number of the last cycle that was disturbed.
     disturbed: i64,
     /// Time at which the cell entered its current state.
     since: Instant,
 }
 
 impl Operator<'_> {
-    /// Sends the request; returns the answer, also if it is refused.
+    /// Sends the request; returns the reply, also if the request is refused.
     fn order(&self, what: &Value) -> Option<Value> {
         let word = what["ask"].as_str().unwrap_or_default();
         match ask(&self.cell.socket(), &format!("{what}\n")) {
@@ -101,7 +102,7 @@ impl Operator<'_> {
         self.order(&start);
     }
 
-    /// Counts the cycle, and removes its recording, which the service never removes itself.
+    /// Counts the cycle, and removes its recording, because the service never removes recordings.
     fn end(&mut self, cycle: i64, state: &Value) {
         self.ended = cycle;
         let verdict = state["verdict"].as_str().unwrap_or("none");
@@ -128,7 +129,7 @@ impl Operator<'_> {
         }
     }
 
-    /// Disturbs the cycle in the middle of the film or of the abrasion, depending on the cycle's number.
+    /// Disturbs the cycle in the middle of the film or of the sanding, depending on the cycle's number.
     fn disturb(&mut self, cycle: i64, state: &Value) {
         let phase = if cycle % 2 == 0 { "inspect" } else { "abrade" };
         let is_line = self.cell.pace == Pace::Line;

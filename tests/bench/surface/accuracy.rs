@@ -16,7 +16,7 @@ const WHITE_MEAN_MM: f64 = 0.004;
 const WHITE_NORMAL_P95_DEG: f64 = 0.06;
 /// Maximum number of seeds with only white noise.
 const WHITE_SEEDS: u64 = 5;
-/// Number of fits of one scan; the median time counts.
+/// Number of fits of one scan, of which the median time is used.
 const RUNS: usize = 5;
 
 pub fn measure(seeds: u64) -> usize {

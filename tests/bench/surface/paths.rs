@@ -13,7 +13,7 @@ use std::f64::consts::FRAC_PI_2;
 const PATHS_MS: f64 = 50.0;
 const LEFT: f64 = 0.005;
 const MAX_PASS_DEVIATION: f64 = 0.01;
-/// Number of runs; the median time counts.
+/// Number of runs, of which the median time is used.
 const RUNS: usize = 9;
 
 const ATTITUDES: [(&str, [f64; 3]); 4] = [
@@ -34,7 +34,7 @@ pub fn panel() -> usize {
     let (region, outline, settings) = (&scanned.panel.region, &scanned.panel.outline, scanned.recipe.path());
     let grids: Vec<GridId> = region.ids().collect();
     let all = timed(RUNS, || path::plan(&surface, region, &grids, outline, settings));
-    // Every other grid, as on a chessboard: there are no neighbours to join.
+    // Every other grid, as on a chessboard: no grids are adjacent, so none are combined.
     let apart: Vec<GridId> = grids.iter().copied().filter(|id| (id.row + id.column) % 2 == 0).collect();
     let alone = timed(RUNS, || path::plan(&surface, region, &apart, outline, settings));
     let plan = path::plan(&surface, region, &grids, outline, settings).expect("a plan");
@@ -83,8 +83,9 @@ fn row(name: &str, plan: &Plan, settings: &panelprep::recipe::Path) -> usize {
     usize::from(1.0 - least > LEFT || judgement.verdict.keyword() != "accept")
 }
 
-/// Returns the largest relative deviation of the distance between two neighbouring passes from r'. r' is the distance
-/// between the first and the last pass there, divided by their number. The ends of the passes are excluded.
+/// Returns the largest relative deviation of the distance between two adjacent passes from r', without the ends of the
+/// passes. r' is the distance between the first and the last pass at the same position, divided by the number of steps
+/// between them.
 fn passes_off(surface: &BSplineSurface, rows: &[Vec<Parameter>]) -> f64 {
     let lines: Vec<Vec<Point<Panel>>> = rows
         .iter()

@@ -1,4 +1,4 @@
-//! A full-size scan of the simulated panel, taught with 48 grids, upright or otherwise.
+//! A full-size scan of the simulated panel, taught with 48 grids, in a vertical or another attitude.
 
 use nalgebra::{Isometry3, Rotation3, Translation3, Vector3};
 use panelprep::geometry::{Base, Camera, OrganizedCloud, Rigid};
@@ -10,7 +10,7 @@ use rand_pcg::Pcg64Mcg;
 
 /// Number of rows and columns of grids.
 const GRIDS: [usize; 2] = [6, 8];
-/// Distance from the panel beyond which a point does not belong to its surface, mm.
+/// Minimum distance from the panel at which a point does not belong to its surface, mm.
 const OFF_PANEL_MM: f64 = 3.0;
 /// Distance for which the white noise is stated, mm.
 const WHITE_NOISE_DISTANCE_MM: f64 = 700.0;
@@ -36,8 +36,8 @@ impl Scanned {
         Self::turned(seed, [0.0; 3])
     }
 
-    /// Scans the panel upright, with only white noise on its points: each point is moved along its ray onto the true
-    /// surface and then by the simulator's white noise.
+    /// Scans the vertical panel with only white noise: each point is moved along its ray onto the true surface and then
+    /// by the simulator's white noise.
     pub fn white(seed: u64) -> Self {
         let cell = Cell::new(seed, Scene::Good, 1);
         let scan = white(&cell, &cell.taught_scan());
@@ -53,7 +53,7 @@ impl Scanned {
         Scanned { cell, recipe, panel, turn }
     }
 
-    /// Returns the same panel's recipe with more lines.
+    /// Returns the recipe of the same panel with the additional lines `more`.
     pub fn recipe_with(&self, more: &str) -> Recipe {
         recipe(&self.cell, &self.turn, more)
     }
@@ -96,7 +96,7 @@ fn white(cell: &Cell, scan: &OrganizedCloud<Camera>) -> OrganizedCloud<Camera> {
         let [a, b] = [0, 1].map(|_| random.random::<f64>());
         (-2.0 * (1.0 - a).ln()).sqrt() * (std::f64::consts::TAU * b).cos()
     };
-    // At the panel's nominal place, its frame is equal to the base frame.
+    // At the panel's nominal pose, its frame coincides with the base frame.
     let panel_from_camera =
         Rigid::<panelprep::geometry::Panel, Camera>::from_isometry_unchecked(*truth.base_from_camera.isometry());
     let point = |index: usize| {

@@ -8,13 +8,13 @@ use std::process::Command;
 const POINT_US: f64 = 0.1;
 /// Number of points in a batch.
 const BATCH: usize = 100_000;
-/// Number of runs; the median time counts.
+/// Number of runs, of which the median time is used.
 const RUNS: usize = 9;
 
 pub fn evaluation() -> usize {
     let scanned = Scanned::upright(1);
     let surface = surface::fit(&scanned.panel, scanned.recipe.surface()).expect("a fit").surface;
-    // The parameters are scattered over the region and the same in every run.
+    // The parameters are distributed over the region and are the same in every run.
     let place = |n: usize| Parameter { u: (n as f64 * 0.618_034).fract(), v: (n as f64 * 0.414_214).fract() };
     let places: Vec<Parameter> = (0..BATCH).map(place).collect();
     let took = timed_alone(RUNS, || surface.derivatives_at_many(&places));
@@ -25,7 +25,7 @@ pub fn evaluation() -> usize {
     missed
 }
 
-/// Measures the same surface in geomdl and scipy.
+/// Measures the time for the same surface in geomdl and scipy.
 fn peers(surface: &BSplineSurface, point_us: f64) {
     let Ok(python) = std::env::var("PANELPREP_PEERS") else {
         println!("   peers: not run; `make bench-surface` sets them up");
@@ -39,7 +39,7 @@ fn peers(surface: &BSplineSurface, point_us: f64) {
     std::fs::write(&file, net.to_string()).expect("a folder for passing files");
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/bench/surface_peers.py");
     let output = Command::new(python).arg(script).arg(&file).output();
-    // The result is ignored: leftover files are in the system's folder for temporary files.
+    // The result is ignored: a leftover file is inside of the system's folder for temporary files.
     let _ = std::fs::remove_file(&file);
     match output {
         Ok(output) if output.status.success() => {

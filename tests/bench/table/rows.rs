@@ -1,7 +1,8 @@
-//! The table of `tests/bench/README.md` as text: its rows, the figures of a row, and the page with newly measured figures.
+//! The table of `tests/bench/README.md` as text: its rows, the figures of a row, and the page with newly measured
+//! figures.
 //!
-//! A row states one or more figures of one area. "·" separates them, in the same order in each cell: `area: a · b` is the figures
-//! `area: a` and `area: b`. A cell with a single part states it for all figures of the row.
+//! A row contains one or more figures of one area. They are separated by "·", in the same order in each cell: `area: a
+//! · b` is the figures `area: a` and `area: b`. A cell with a single part applies to all figures of the row.
 
 use std::collections::BTreeMap;
 
@@ -11,7 +12,7 @@ pub const HEAD: &str = "| Figure | Goal | Measured | Command | Commit |";
 /// Separates the figures of a row.
 const BETWEEN: &str = " · ";
 
-/// What the fields of a `GOAL` line state, for its error message.
+/// Description of the fields of a `GOAL` line, for its error message.
 const FIELDS: &str = "GOAL, figure, goal, found, ok|MISSED|not run and command, separated by tabs";
 
 /// A figure as a bench reported it.
@@ -28,7 +29,8 @@ pub struct Measured {
 ///
 /// # Errors
 ///
-/// A `GOAL` line that cannot be read or cannot be a cell of the table, with its number.
+/// If a `GOAL` line cannot be read, or contains text that is not permitted in a cell of the table. The error contains
+/// the line's number.
 pub fn parse(output: &str) -> Result<Vec<Measured>, String> {
     let lines = output.lines().enumerate().filter(|(_, line)| line.starts_with("GOAL\t"));
     let one = |(index, line): (usize, &str)| {
@@ -52,7 +54,7 @@ pub fn parse(output: &str) -> Result<Vec<Measured>, String> {
     lines.map(one).collect()
 }
 
-/// Returns the rows of the page's table, as they are written.
+/// Returns the rows of the page's table as text.
 pub fn rows(page: &str) -> Vec<&str> {
     page.lines().skip_while(|line| *line != HEAD).skip(2).take_while(|line| line.starts_with('|')).collect()
 }
@@ -61,14 +63,14 @@ fn cells(row: &str) -> Vec<&str> {
     row.trim_matches('|').split(" | ").map(str::trim).collect()
 }
 
-/// Returns the figures of a row.
+/// Returns the names of the figures of a row.
 pub fn figures(row: &str) -> Vec<String> {
     let name = cells(row).first().copied().unwrap_or_default();
     let (area, names) = name.split_once(": ").unwrap_or(("", name));
     names.split(BETWEEN).map(|name| format!("{area}: {name}")).collect()
 }
 
-/// Returns the part of each figure in a cell, or why the cell does not state one for each.
+/// Returns the part of each figure in a cell. An error if the number of parts is neither one nor `count`.
 fn parts(cell: &str, count: usize) -> Result<Vec<String>, String> {
     let parts: Vec<String> = cell.split(BETWEEN).map(str::to_owned).collect();
     match parts.len() {
@@ -84,7 +86,7 @@ fn joined(parts: &[String]) -> String {
     if all_equal { parts[0].clone() } else { parts.join(BETWEEN) }
 }
 
-/// Returns a row with the figures that were measured at this commit; `None` if none of them was.
+/// Returns a row with the figures that were measured at this commit; `None` if none of its figures was measured.
 fn renewed(row: &str, measured: &BTreeMap<&str, &Measured>, commit: &str) -> Result<Option<String>, String> {
     let figures = figures(row);
     if !figures.iter().any(|figure| measured.contains_key(figure.as_str())) {
@@ -104,17 +106,17 @@ fn renewed(row: &str, measured: &BTreeMap<&str, &Measured>, commit: &str) -> Res
         commands[index].clone_from(&new.command);
         commits[index] = format!("`{commit}`");
     }
-    // Two figures may have the same value by chance, so these cells keep one part for each.
+    // These cells keep one part per figure, because two figures may have the same value by chance.
     let (goals, founds) = (goals.join(BETWEEN), founds.join(BETWEEN));
     Ok(Some(format!("| {name} | {goals} | {founds} | {} | {} |", joined(&commands), joined(&commits))))
 }
 
-/// Returns the page with the newly measured figures. Rows of other figures keep their numbers and their commit. If a figure was
-/// reported more than once, its last report is the one that is written.
+/// Returns the page with the newly measured figures. Rows of other figures keep their values and their commit. If a
+/// figure was reported more than once, its last report is used.
 ///
 /// # Errors
 ///
-/// A row that cannot be read, or figures without a row. Nothing is written then: a figure must not be lost unnoticed.
+/// If a row cannot be read, or a figure has no row. Nothing is written then, so that no figure is lost unnoticed.
 pub fn replaced(page: &str, measured: &[Measured], commit: &str) -> Result<String, String> {
     let by_name: BTreeMap<&str, &Measured> = measured.iter().map(|one| (one.figure.as_str(), one)).collect();
     let table = rows(page);

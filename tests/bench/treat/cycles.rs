@@ -1,4 +1,4 @@
-//! Whole cycles. The area and the time are those of the path that the mock controller executed; a break is left if the
+//! Whole cycles. The area and the time are those of the path that the mock controller executed; a break remains if the
 //! true film is broken in the last picture of the last film.
 
 use super::arguments;
@@ -7,24 +7,26 @@ use serde_json::Value;
 use std::process::Command;
 use std::time::{Duration, Instant};
 
-/// A cycle with areas around breaks should not sand more, or longer, than one with whole grids.
+/// Maximum ratio of the area, and of the time, of a cycle with areas around breaks to those of a cycle with whole
+/// grids.
 const MAX_COST_RATIO: f64 = 1.0;
-/// Largest relative difference of the times of two equal paths: the controller's log contains times of a real clock.
+/// Maximum relative difference between the times of two equal paths, because the controller's log contains times of a
+/// real clock.
 const CLOCK_SHARE: f64 = 0.01;
-/// Largest relative difference of the areas of two equal paths, because the log is sampled.
+/// Maximum relative difference between the areas of two equal paths, because the log is sampled.
 const SAMPLED_SHARE: f64 = 0.005;
 
 /// The result of one cycle.
 struct Ran {
     verdict: String,
     films: usize,
-    /// Surface under the disc, mm², summed over the passes.
+    /// Sanded surface, mm², summed over the passes.
     sanded_mm2: f64,
     /// Time of the paths, from the first waypoint to the last one, s.
     path_s: f64,
-    /// Grids that were truly broken in the first film, and in the last one.
+    /// Number of grids with a true break in the first film, and in the last film.
     broken: [Option<u64>; 2],
-    /// Grids of the last film that were judged wrongly.
+    /// Whether grids of the last film were judged wrongly.
     is_wrong: bool,
 }
 
@@ -46,7 +48,7 @@ fn cycle(seed: u64, reduction: u64, by: &str) -> Ran {
         .arg(&folder)
         .output()
         .expect("the program starts");
-    // The result is ignored: leftover files are in the system's folder for temporary files.
+    // The result is ignored: a leftover folder is inside of the system's folder for temporary files.
     let _ = std::fs::remove_dir_all(&folder);
     let result: Value = serde_json::from_slice(&output.stdout).expect("one JSON object");
     let list = |name: &str| result[name].as_array().cloned().unwrap_or_default();
@@ -63,12 +65,12 @@ fn cycle(seed: u64, reduction: u64, by: &str) -> Ran {
     }
 }
 
-/// The cycles that can be compared: both passed, and something was sanded.
+/// The pairs of cycles that can be compared: both passed, and both sanded.
 #[derive(Default)]
 struct Compared {
-    /// Area and time around breaks, divided by those with whole grids.
+    /// Ratios of area and time around breaks to those with whole grids.
     ratios: Vec<[f64; 2]>,
-    /// Area, mm², and time, s: of whole grids, and around breaks.
+    /// Sums of area, mm², and time, s: with whole grids, and around breaks.
     sums: [[f64; 2]; 2],
 }
 

@@ -1,5 +1,5 @@
 //! Plans over the breaks of many films, and the costs that the program compares. The breaks are the simulator's true
-//! ones at the end of the film, and the panel's pose is the true one, so the numbers depend only on the areas.
+//! ones at the end of the film, and the panel's pose is the true one, so the results depend only on the areas.
 
 use super::goal::Figure;
 use panelprep::geometry::Mask;
@@ -14,20 +14,20 @@ use panelprep::stages::treat::{Broken, treated};
 use panelprep::surface::examine_fit;
 use rayon::prelude::*;
 
-/// Rows and columns of grids on the simulated region: those of its recipe have sides of 42 to 50 mm.
+/// Numbers of rows and columns of grids on the simulated region. The grids of its recipe have sides of 42 to 50 mm.
 const GRIDS: [[usize; 2]; 3] = [[4, 6], [3, 4], [2, 3]];
-/// The smallest break with which a grid fails, as in the default of a cell's file, mm².
+/// Minimum area of a break at which a grid fails, mm²: the default of a cell's file.
 const MIN_BREAK_MM2: f64 = 5.0;
 /// Time at which the film has ended and every break has grown, s.
 const END_S: f64 = 60.0;
 
-/// The costs of one film, of whole grids and of what is planned: area, mm², and time, s.
+/// The costs of one film, with whole grids and with the planned areas: area, mm², and time, s.
 struct Case {
     whole: [f64; 2],
     chosen: [f64; 2],
-    /// Fraction of the broken places in the failed grids that the disc reaches.
+    /// Fraction of the break points in the failed grids that the disc reaches.
     reached: f64,
-    /// Whether the areas would have cost more than the grids, so that the grids are planned.
+    /// Whether whole grids are planned, because the areas would have cost more.
     is_whole: bool,
 }
 
@@ -69,7 +69,7 @@ pub fn measure(seeds: u64, reduction: u64) -> bool {
     is_less && is_never_more && is_reached
 }
 
-/// Returns the costs of the film of a seed; every second film has smaller breaks of many shapes. `None` if no grid
+/// Returns the costs for the film of a seed; every second film has smaller breaks of many shapes. `None` if no grid
 /// failed.
 fn case(seed: u64, reduction: usize, grids: [usize; 2]) -> Option<Case> {
     let cell = Cell::new(seed, Scene::Good, reduction);

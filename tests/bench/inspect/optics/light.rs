@@ -4,14 +4,14 @@
 //! All sources lie in one plane above the panel, which a mirrored ray intersects. Radiance is relative to the
 //! diffuser's middle.
 //!
-//! - Refractive index of water 1.333 at 20 °C and 589 nm (IAPWS R9-97, 1997), of a cured epoxy surface 1.55
-//!   (range 1.50–1.57, Hull and Clyne, An Introduction to Composite Materials, 1996).
+//! - Refractive index of water 1.333 at 20 °C and 589 nm (IAPWS R9-97, 1997), of a cured epoxy surface 1.55 (range
+//!   1.50–1.57, Hull and Clyne, An Introduction to Composite Materials, 1996).
 //! - Fresnel's equations for unpolarised light (Born and Wolf, Principles of Optics, 1.5.2).
-//! - Of diffuse light from below inside the water, 0.474 is reflected back at the surface, and of diffuse light
-//!   from above 0.066 (Egan and Hilgeman, Appl. Opt. 12, 1973; Lekner and Dorf, Appl. Opt. 27, 1988): a wet surface
-//!   of diffuse reflectance ρ has  ρ (1 − 0.066)(1 − F)/(n² (1 − 0.474 ρ)).
-//! - A rough surface mirrors a scene blurred by twice the angle of its slopes (Beckmann and Spizzichino 1963; Cook
-//!   and Torrance 1982); a tool leaves slopes of 0.06 rad rms on a prepreg, a peel ply up to 0.45.
+//! - At the water's surface, 0.474 of diffuse light from below is reflected back into the water, and 0.066 of diffuse
+//!   light from above (Egan and Hilgeman, Appl. Opt. 12, 1973; Lekner and Dorf, Appl. Opt. 27, 1988). A wet surface of
+//!   diffuse reflectance ρ has the reflectance  ρ (1 − 0.066)(1 − F)/(n² (1 − 0.474 ρ)).
+//! - A rough surface mirrors a scene blurred by twice the angle of its slopes (Beckmann and Spizzichino 1963; Cook and
+//!   Torrance 1982); a tool leaves slopes of 0.06 rad rms on a prepreg, a peel ply up to 0.45.
 
 use super::random::Random;
 
@@ -20,7 +20,7 @@ pub const RESIN: f64 = 1.55;
 const DIFFUSE_IN: f64 = 0.066;
 const DIFFUSE_BACK: f64 = 0.474;
 
-/// Returns Fresnel's reflectance for unpolarised light that falls from air on a material of this index.
+/// Returns Fresnel's reflectance for unpolarised light from air onto a material with this refractive index.
 pub fn fresnel(cos_in: f64, index: f64) -> f64 {
     let c = cos_in.clamp(0.0, 1.0);
     let t = (1.0 - (1.0 - c * c) / (index * index)).sqrt();
@@ -29,8 +29,8 @@ pub fn fresnel(cos_in: f64, index: f64) -> f64 {
     (s + p) / 2.0
 }
 
-/// The diffuse reflectance that remains under a film of water, if the camera sees through its surface with reflectance
-/// `f`.
+/// Returns the diffuse reflectance of a surface under a film of water. `rho` is the diffuse reflectance of the dry
+/// surface, `f` the reflectance of the water's surface in the camera's direction.
 pub fn wet_diffuse(rho: f64, f: f64) -> f64 {
     rho * (1.0 - DIFFUSE_IN) * (1.0 - f) / (WATER * WATER * (1.0 - DIFFUSE_BACK * rho))
 }
@@ -48,13 +48,13 @@ struct Patch {
     rgb: [f64; 3],
 }
 
-/// The objects above the panel.
+/// The light sources and dark objects above the panel.
 #[derive(Debug, Clone)]
 pub struct Surroundings {
     /// Height of the plane above the camera, mm; its z in the camera's frame is the negative of this value.
     pub above_mm: f64,
     diffuser: Patch,
-    /// Dark bars across the diffuser: the distance from one to the next, and their half width, mm.
+    /// Dark bars across the diffuser: the distance between two bars, and half of their width, mm.
     bars: Option<(f64, f64)>,
     /// Dark patches that hide parts of the diffuser, as seen from the panel.
     dark: Vec<Patch>,
@@ -90,7 +90,7 @@ impl Patch {
     }
 }
 
-/// The position of the diffuser, as the panel mirrors it to the camera.
+/// The position of the diffuser in the mirror image that the camera sees.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Field {
     /// The diffuser is to the side: the film mirrors the dark room.
@@ -120,7 +120,7 @@ impl Surroundings {
         let room = random.between(0.01, 0.1);
         let mut dark = vec![];
         if field != Field::Dark {
-            // The camera in front of the diffuser, 60 mm across.
+            // The camera, 60 mm wide, in front of the diffuser.
             dark.push(Patch { centre: [0.0, 0.0], half: [30.0, 30.0], rgb: [0.01; 3] });
         }
         if field == Field::Mixed {
@@ -144,7 +144,7 @@ impl Surroundings {
     pub fn radiance(&self, at: [f64; 2]) -> [f64; 3] {
         let mut cover = self.diffuser.cover(at);
         let away = (0..2).map(|i| ((at[i] - self.diffuser.centre[i]) / self.diffuser.half[i]).powi(2)).sum::<f64>();
-        // A light box is a fifth darker at its rim.
+        // A light box is darker by a fifth at its border.
         let even = 1.0 - 0.2 * (away / 2.0).min(1.0);
         if let Some((every, half)) = self.bars {
             let x = (at[0] - self.diffuser.centre[0]).rem_euclid(every);
@@ -164,7 +164,7 @@ impl Surroundings {
         rgb
     }
 
-    /// Returns the radiance of the scene, as a reflection lobe of this width mirrors it.
+    /// Returns the radiance of the scene, blurred by a reflection lobe of this width.
     pub fn blurred(&self, at: [f64; 2], sigma_mm: f64) -> [f64; 3] {
         let cover = self.diffuser.blurred(at, sigma_mm);
         let mut rgb: [f64; 3] =
@@ -181,7 +181,7 @@ impl Surroundings {
         rgb
     }
 
-    /// Returns the irradiance over π at a point of the panel in the camera's frame, with the normal along the
+    /// Returns the irradiance divided by π at a point of the panel in the camera's frame; the normal is along the
     /// camera's axis.
     pub fn irradiance(&self, place: [f64; 3]) -> [f64; 3] {
         const N: usize = 6;

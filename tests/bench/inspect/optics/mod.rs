@@ -1,15 +1,15 @@
-//! The second renderer of a film, by optics, and the results of the test on its clips.
+//! The second renderer of a film, based on optics, and the results of the water-break test on its clips.
 //!
-//! A film is a mirror that moves. It reflects a diffuser, the room, the robot and dark gaps by Fresnel's laws on its
-//! own normals, over a panel that is darker because of the water on it ([`light`]). It drains, waves run on it, and it
-//! opens on greasy places, with a rim that is a wedge with the contact angle ([`water`]). A dry place is matt: it
-//! reflects diffusely, with a blurred gloss, and shows the weave. Whether a break is darker or brighter than the film,
-//! or looks the same, follows from that. The mains frequency modulates the brightness of each channel, a projector may
-//! be mirrored in the film ([`scene`]), and sanding changes the panel's appearance ([`sanding`]). The sources of the
-//! numbers are in these modules.
+//! A film is a moving mirror. It reflects a diffuser, the room, the robot and dark gaps by Fresnel's laws with its own
+//! normals, over a panel that is darker because of the water ([`light`]). The film drains, waves run over it, and it
+//! opens on greasy spots, with a rim that is a wedge with the contact angle ([`water`]). A dry spot of the panel is
+//! matt: it reflects diffusely, with a blurred gloss, and shows the weave. The difference in brightness between a break
+//! and the film follows from these properties and may have either sign or be zero. The mains frequency modulates the
+//! brightness of each channel, a projector may be mirrored in the film ([`scene`]), and sanding changes the panel's
+//! appearance ([`sanding`]). The sources of the numbers are in these modules.
 //!
-//! It shares no code with `src/sim`, and its clips are used to assess the program. For work on the program use seeds
-//! from 1000 on; the seeds below 1000 are reserved for the assessment.
+//! This renderer shares no code with `src/sim`, and its clips are used to assess the program. For work on the program
+//! use seeds from 1000 on; the seeds below 1000 are reserved for the assessment.
 
 mod light;
 mod random;
@@ -26,7 +26,7 @@ use scene::Scene;
 use std::time::Instant;
 use water::WET_FROM_S;
 
-/// Runs the clips of these seeds.
+/// Runs the water-break test on the clips of these seeds.
 pub fn run(seeds: std::ops::RangeInclusive<u64>, reduction: usize, observed_s: f64, kind: Option<&str>) {
     println!("renderer seed kind fps sanded verdict IoU | grids: failed passed not seen | reasons");
     let mut tally = Tally::default();
@@ -78,8 +78,8 @@ fn one(seed: u64, reduction: usize, observed_s: f64, tally: &mut Tally) {
     let (picture, last_s) = last.expect("pictures");
     let inspection = watch.finish().expect("wet pictures");
     let wet_from_s = last_s - inspection.observation.observed_s;
-    // The breaks at the end of the observation: the film is recorded a little longer, and a break may still grow in
-    // that time.
+    // The breaks at the end of the observation: the film is recorded slightly longer, and a break may still grow in
+    // this time.
     let broken = scene.broken(last_s.min(wet_from_s + observed_s));
     if let Ok(folder) = std::env::var("PICTURES") {
         crate::clips::save(&folder, &format!("optics{seed:04}"), &picture, &inspection, &broken);
@@ -99,7 +99,7 @@ fn one(seed: u64, reduction: usize, observed_s: f64, tally: &mut Tally) {
     tally.times(&inspection, &broken, |index| opens_s[index] - wet_from_s);
 }
 
-/// Saves every picture of a clip, if `CLIP` names a folder.
+/// Saves every picture of a clip, if the environment variable `CLIP` names a folder.
 fn save_every(picture: &ColorPicture, seed: u64, time_s: f64) {
     if let Ok(folder) = std::env::var("CLIP") {
         let png = panelprep::files::write_color_png(picture).expect("a picture");

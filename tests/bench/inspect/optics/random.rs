@@ -1,10 +1,11 @@
-//! Random numbers of the optical renderer: SplitMix64 (Steele, Lea, Flood, OOPSLA 2014), and a table of normal deviates.
+//! Random numbers of the optical renderer: SplitMix64 (Steele, Lea, Flood, OOPSLA 2014), and a table of normal
+//! deviates.
 
 #[derive(Debug, Clone)]
 pub struct Random(u64);
 
 impl Random {
-    /// Returns one of a seed's streams of random numbers.
+    /// Creates one of the streams of random numbers of a seed.
     pub fn new(seed: u64, stream: u64) -> Self {
         let mut random =
             Random(seed.wrapping_mul(0xD134_2543_DE82_EF95) ^ stream.wrapping_mul(0xA076_1D64_78BD_642F));

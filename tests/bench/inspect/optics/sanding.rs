@@ -1,7 +1,7 @@
-//! The effect of a disc on the panel's appearance, and what remains on a place on which the film has opened.
+//! The effect of a disc on the panel's appearance, and the state of a spot on which the film has opened.
 //!
 //! Sanding exposes or covers fibres (diffuse reflectance times 0.4 to 1.8), and removes the gloss and the visible
-//! weave, to a different extent with each pass and at the disc's rim. A place whose film opened stays damp in its
+//! weave, to a different extent with each pass and at the disc's rim. A spot whose film has opened stays damp in its
 //! pores: its brightness returns to 0.75 to 1 of the dry brightness, and droplets stay on it. Grease leaves stains. The
 //! ranges are assumptions and are wider than those reported for real panels.
 
@@ -18,7 +18,7 @@ pub struct Zone {
     rim: f64,
 }
 
-/// The appearance of a point, relative to that of the new panel.
+/// The appearance of a point relative to the new panel.
 #[derive(Debug, Clone, Copy)]
 pub struct Appearance {
     pub albedo: [f64; 3],
@@ -42,7 +42,7 @@ impl Zone {
         }
     }
 
-    /// Returns the distance of a point inside the sanded area from its edge, mm; negative outside.
+    /// Returns the distance of a point inside of the sanded area from its border, mm; negative outside.
     pub fn depth(&self, at: [f64; 2]) -> f64 {
         (0..2).map(|i| (at[i] - self.low[i]).min(self.high[i] - at[i])).fold(f64::INFINITY, f64::min)
     }
@@ -66,14 +66,14 @@ pub fn look(zones: &[Zone], at: [f64; 2]) -> Appearance {
     zones.iter().fold(Appearance::AS_MADE, |look, zone| zone.over(look, at))
 }
 
-/// The remains of a film on a greasy place, and the stain of the grease.
+/// The state of a greasy spot on which the film has opened, and the stain of the grease.
 #[derive(Debug, Clone)]
 pub struct Remains {
-    /// The share of its dry brightness that a greasy place reaches again.
+    /// The fraction of its dry brightness to which the spot returns.
     pub damp: f64,
-    /// Factor of the stain on the brightness, dry and wet.
+    /// Brightness factor of the stain, dry and wet.
     pub stain: f64,
-    /// Droplets: position, mm, size, mm, and the slope of a droplet's surface at its rim.
+    /// Droplets: position, mm, size, mm, and the slope of the droplet's surface at its rim.
     droplets: Vec<([f64; 2], f64, f64)>,
 }
 
@@ -89,7 +89,8 @@ impl Remains {
         Remains { droplets: droplets.collect(), damp: random.between(0.75, 1.0), stain: random.between(0.88, 1.12) }
     }
 
-    /// Returns the share of a droplet's water at this point, 0…1, and the slope of the droplet's surface.
+    /// Returns the fraction of the pixel that a droplet covers at this point, 0…1, and the slope of the droplet's
+    /// surface.
     pub fn droplet(&self, at: [f64; 2], pixel_mm: f64) -> Option<(f64, [f64; 2])> {
         self.droplets.iter().find_map(|(centre, radius, slope)| {
             let (dx, dy) = (at[0] - centre[0], at[1] - centre[1]);

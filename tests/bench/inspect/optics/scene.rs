@@ -1,12 +1,11 @@
 //! A panel on a base board under a camera, and its pictures: geometry, materials, exposure, mains flicker, noise.
 //!
-//! - Carbon fibre in epoxy: diffuse reflectance 0.03 to 0.07; red primer 0.35 / 0.06 / 0.05; a grey board 0.16 to
-//!   0.3 (measured spectra: ECOSTRESS library, man-made materials).
-//! - Mains: the brightness of a lamp on 50 Hz is 1 + m cos(2π 100 t + φ); in an exposure of length T, m sinc(100 T)
-//!   remains. m is 0.1 to 0.4 and differs by channel, because red phosphors decay slowly and the blue diode does not
-//!   (IEEE 1789-2015; Lehman and Wilkins 2014). The mains' frequency deviates by 0.02 % (ENTSO-E).
-//! - A sensor's noise: variance 0.5 + 0.012 s levels² at s levels (EMVA 1288 data of 8-bit readouts, Sony IMX 2–5
-//!   MP).
+//! - Carbon fibre in epoxy: diffuse reflectance 0.03 to 0.07; red primer 0.35 / 0.06 / 0.05; a grey board 0.16 to 0.3
+//!   (measured spectra: ECOSTRESS library, man-made materials).
+//! - Mains: the brightness of a lamp on 50 Hz is 1 + m cos(2π 100 t + φ); an exposure of length T reduces m to m
+//!   sinc(100 T). m is 0.1 to 0.4 and differs by channel, because red phosphors decay slowly and the blue diode does
+//!   not (IEEE 1789-2015; Lehman and Wilkins 2014). The mains' frequency deviates by 0.02 % (ENTSO-E).
+//! - A sensor's noise: variance 0.5 + 0.012 s levels² at s levels (EMVA 1288 data of 8-bit readouts, Sony IMX 2–5 MP).
 
 use super::light::{Field, RESIN, Surroundings, WATER, fresnel, under_water, wet_diffuse};
 use super::random::{Deviates, Random};
@@ -62,7 +61,7 @@ impl Spec {
     }
 }
 
-/// A pixel that is on the panel or on its edge.
+/// A pixel that is on the panel or on the panel's edge.
 #[derive(Debug, Clone)]
 struct Seen {
     index: usize,
@@ -73,8 +72,7 @@ struct Seen {
     weave: f64,
     rho: [f64; 3],
     lit: [f64; 3],
-    /// Values for each channel: dry as the panel was made; dry as the panel is now (`dry`); the gloss under water
-    /// (`gloss_wet`).
+    /// Dry reflectance of the new panel, per channel.
     made: [f64; 3],
     dry: [f64; 3],
     gloss_wet: [f64; 3],
@@ -142,8 +140,8 @@ fn bell(dx: f64, dy: f64, wide: f64) -> f64 {
     (-(dx * dx + dy * dy) / (2.0 * wide * wide)).exp()
 }
 
-/// Returns the relative brightness of the yarn on top, from −1 to 1: a 2 × 2 twill, with less contrast if a pixel is as
-/// wide as a tow.
+/// Returns the relative brightness of the upper yarn in a 2 × 2 twill, from −1 to 1, with less contrast if a pixel is
+/// as wide as a tow.
 fn weave([x, y]: [f64; 2], pixel_mm: f64) -> f64 {
     let (i, j) = ((x / TOW_MM).floor(), (y / TOW_MM).floor());
     let sign = if (i + j).rem_euclid(4.0) < 2.0 { 1.0 } else { -1.0 };
@@ -161,7 +159,8 @@ pub fn grid_ids() -> Vec<GridId> {
     (1..=GRIDS[0]).flat_map(columns).collect()
 }
 
-/// Returns the sanded zones: each sanded grid as a rectangle, widened by the distance that the disc goes beyond it.
+/// Returns the sanded zones: a rectangle for each sanded grid, widened by the distance by which the disc moved beyond
+/// the grid.
 fn zones(conditions: &Conditions, half: [f64; 2], random: &mut Random) -> Vec<Zone> {
     let mut zones = Vec::new();
     for pass in &conditions.sanded {
@@ -278,7 +277,7 @@ impl Scene {
             let yarn = 1.0 + 0.08 * one.weave;
             let stain = water.grease_at(&one.place).map_or(1.0, |(index, _)| remains[index].stain);
             one.made = std::array::from_fn(|i| one.rho[i] * stain * yarn * one.lit[i] + share * lobe[i]);
-            // Deeper scratches scatter more: a sanded place has a wider reflection lobe.
+            // Deeper scratches scatter more light: a sanded point has a wider reflection lobe.
             let yarn = 1.0 + 0.08 * one.weave * one.look.weave;
             let (gloss, rough) = (gloss * one.look.gloss, rough.max(0.3 * (1.0 - one.look.gloss)));
             let lobe = above.blurred(meets, wide * rough);
@@ -289,7 +288,7 @@ impl Scene {
             one.weave *= one.look.weave;
             one.rho = rho;
         }
-        // The exposure is set to the dry panel's brightest channel, and is limited so that the board is not
+        // The exposure is set for the dry panel's brightest channel, and is limited so that the board is not
         // overexposed.
         let mean = |i: usize| seen.iter().map(|one| one.made[i]).sum::<f64>() / seen.len() as f64;
         let brightest = (0..3).map(mean).fold(0.0, f64::max);
@@ -311,7 +310,7 @@ impl Scene {
         let mut scene = Scene {
             camera,
             camera_from_panel: Rigid::from_isometry_unchecked(*base_from_camera.inverse().isometry()),
-            // A placeholder: the panel is taught below, with a picture of its own.
+            // A placeholder: the panel is taught below, with a rendered picture.
             taught: Scene::teach(&camera, cloud.clone(), vec![[0; 3]; width * height], base_from_camera, &recipe),
             recipe,
             above,
@@ -347,7 +346,7 @@ impl Scene {
         TaughtPanel::learn(&cloud, *camera, base_from_camera, recipe).expect("a panel to learn")
     }
 
-    /// Returns the region's corners: the region is the panel without a border of 12 mm.
+    /// Returns the corners of the region, which is the panel without a border of 12 mm.
     fn region(shape: &Shape, camera: &PinholeCamera) -> [[f64; 2]; 4] {
         [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]].map(|[a, b]| {
             let (x, y) = (a * (shape.half[0] - INSET_MM), b * (shape.half[1] - INSET_MM));
@@ -379,8 +378,8 @@ impl Scene {
     /// Returns the brightness of each channel at this time, relative to the lamp's mean.
     fn lamp(&self, time_s: f64) -> [f64; 3] {
         let drift = 1.0 + self.drift.0 * (std::f64::consts::TAU * time_s / self.drift.1).sin();
-        // The camera's clock is not synchronized with the mains: each exposure begins at a random time within a
-        // fifth of a period.
+        // The camera's clock is not synchronized with the mains: each exposure begins at a random time within a fifth
+        // of a period.
         let mut random = Random::new(self.seed, 1000 + (time_s * 1000.0) as u64);
         let begins_s = time_s + random.between(0.0, 0.002);
         let turns = (self.mains_hz * begins_s).fract() * std::f64::consts::TAU;
@@ -424,7 +423,7 @@ impl Scene {
         picture
     }
 
-    /// Returns the water at a place, with the droplets that stay after the film has opened.
+    /// Returns the water at a point, including the droplets that stay after the film has opened.
     fn surface(&self, one: &Seen, time_s: f64) -> Surface {
         let surface = self.water.at(&one.place, time_s, one.pixel_mm);
         let droplet = (self.water.grease_at(&one.place).filter(|_| surface.wet < 1.0 && time_s > WET_FROM_S))
@@ -435,9 +434,9 @@ impl Scene {
         }
     }
 
-    /// Returns the light that one point of the panel sends to the camera.
+    /// Returns the radiance of a point of the panel in the direction of the camera.
     fn radiance(&self, one: &Seen, surface: &Surface, time_s: f64) -> [f64; 3] {
-        // A place where the film has opened is damp.
+        // A spot on which the film has opened is damp.
         let damp = (self.water.grease_at(&one.place).filter(|_| self.water.opens_s(&one.place) < time_s))
             .map_or(1.0, |(index, _)| self.remains[index].damp);
         let bare = one.dry.map(|level| level * damp);
@@ -454,7 +453,7 @@ impl Scene {
         })
     }
 
-    /// Returns the pixels of the sanded places and of this margin around them. The panel is filmed at its taught pose.
+    /// Returns the pixels of the sanded areas and of a margin around them. The panel is at its taught pose in the clip.
     pub fn sanded_in_taught(&self, margin_mm: f64) -> Mask {
         let mut mask = Mask::all_outside(self.camera.width_px, self.camera.height_px);
         for one in &self.seen {
@@ -473,8 +472,8 @@ impl Scene {
         mask
     }
 
-    /// Returns the true contrast: the difference between a calm film and a break at each pixel, as a multiple of
-    /// the pixel's noise.
+    /// Returns the true contrast: the difference between a calm film and a break at each pixel, as a multiple of the
+    /// pixel's noise.
     pub fn contrast(&self) -> Vec<f64> {
         let mut times = vec![0.0; self.camera.width_px * self.camera.height_px];
         for one in &self.seen {
@@ -495,7 +494,8 @@ impl Scene {
 }
 
 impl Seen {
-    /// Returns the dot product of the unit view ray and the unit normal of a surface with these slopes of depth.
+    /// Returns the dot product of the unit vector to the camera and the unit normal of a surface with these slopes of
+    /// depth.
     fn view_dot(&self, slope: [f64; 2]) -> f64 {
         let [x, y, z] = self.point;
         let (far, long) = ((x * x + y * y + z * z).sqrt(), (slope[0].powi(2) + slope[1].powi(2) + 1.0).sqrt());

@@ -1,20 +1,21 @@
-//! The water: the thickness of the film, the slope of its surface, and where and when it opens.
+//! The water: the thickness of the film, the slope of its surface, and where and when the film opens.
 //!
-//! - Draining from a plate: h = h₀/√(1 + t/T) (Jeffreys, Proc. Camb. Phil. Soc. 26, 1930), some 100 to 300 µm at
-//!   first, T a few seconds on a plate that is inclined by degrees.
-//! - Waves on it fade as it thins (levelling by gravity and surface tension, Orchard, Appl. Sci. Res. A 11, 1962) and
-//!   run downhill at millimetres a second: Nusselt's surface velocity ρ g h² sin α/2μ is 4 mm/s for 100 µm and 5°.
-//! - A film below 2 κ⁻¹ sin(θ/2) opens at places with contact angle θ, such as greasy ones. The hole grows at a
-//!   constant speed (Redon, Brochard-Wyart, Rondelez, PRL 66, 1991) until it meets clean surface. Its rim is a wedge
-//!   of water inclined by the contact angle, 20 to 60° on greasy epoxy, a few degrees at the advancing front on clean
-//!   epoxy (de Gennes, Rev. Mod. Phys. 57, 1985). A camera that sees single pixels of the rim sees a bounded slope.
+//! - Draining from a plate: h = h₀/√(1 + t/T) (Jeffreys, Proc. Camb. Phil. Soc. 26, 1930), initially 100 to 300 µm,
+//!   with T a few seconds on a plate that is inclined by degrees.
+//! - Waves on the film fade as it becomes thinner (levelling by gravity and surface tension, Orchard, Appl. Sci. Res. A
+//!   11, 1962) and run downhill at millimetres per second: Nusselt's surface velocity ρ g h² sin α/2μ is 4 mm/s for 100
+//!   µm and 5°.
+//! - A film below 2 κ⁻¹ sin(θ/2) opens at points with the contact angle θ, such as greasy spots. The hole grows at a
+//!   constant speed (Redon, Brochard-Wyart, Rondelez, PRL 66, 1991) until it meets clean surface. Its rim is a wedge of
+//!   water inclined by the contact angle, 20 to 60° on greasy epoxy, a few degrees at the advancing front on clean
+//!   epoxy (de Gennes, Rev. Mod. Phys. 57, 1985). A camera that resolves single pixels of the rim sees a limited slope.
 
 use super::random::Random;
 use std::f64::consts::TAU;
 
 pub const SPRAY_FROM_S: f64 = 1.0;
 pub const WET_FROM_S: f64 = 4.0;
-/// Upper limit of the slope of a rim: a steeper rim mirrors the surroundings of the cell, which need no more detail.
+/// Maximum slope of a rim: a steeper rim mirrors the surroundings of the cell, which need no more detail.
 const MAX_RIM_SLOPE: f64 = 0.5;
 
 #[derive(Debug, Clone, Copy)]
@@ -25,7 +26,7 @@ struct Wave {
     slope: f64,
 }
 
-/// A greasy place where the film opens.
+/// A greasy spot on which the film opens.
 #[derive(Debug, Clone)]
 pub struct Grease {
     pub centre_mm: [f64; 2],
@@ -50,7 +51,8 @@ impl Grease {
         }
     }
 
-    /// Returns a point's distance from the centre, as if the greasy place were a circle, mm, and the direction.
+    /// Returns a point's distance from the centre of the spot, mm, scaled as if the spot were a circle, and the
+    /// direction.
     fn centred(&self, [x, y]: [f64; 2]) -> (f64, [f64; 2]) {
         let (dx, dy) = (x - self.centre_mm[0], y - self.centre_mm[1]);
         let (away, angle) = (dx.hypot(dy), dy.atan2(dx));
@@ -64,7 +66,7 @@ impl Grease {
     }
 }
 
-/// The water's behaviour at one point of the panel.
+/// The properties of the water at one point of the panel that do not change with time.
 #[derive(Debug, Clone, Copy)]
 pub struct Place {
     at: [f64; 2],
@@ -72,14 +74,14 @@ pub struct Place {
     grease: Option<(usize, f64, [f64; 2])>,
 }
 
-/// The state of a point at one time.
+/// The state of the water at a point at one time.
 #[derive(Debug, Clone, Copy)]
 pub struct Surface {
-    /// Share of the place under water, 0…1.
+    /// Fraction of the point that is under water, 0…1.
     pub wet: f64,
-    /// Slope of the water's surface relative to the panel's.
+    /// Slope of the water's surface relative to the panel.
     pub slope: [f64; 2],
-    /// The share of the panel's own roughness that shows through the film.
+    /// Fraction of the panel's own roughness that is visible through the film.
     pub shows_weave: f64,
 }
 
@@ -128,7 +130,8 @@ impl Water {
         }
     }
 
-    /// Prepares one point of the panel, with `down` from 0 at the panel's upper edge to 1 at its lower edge.
+    /// Computes the properties of the water at one point of the panel; `down` is 0 at the panel's upper edge and 1 at
+    /// its lower edge.
     pub fn place(&self, at: [f64; 2], down: f64) -> Place {
         let wets_s = 1.2 + 2.2 * (down * 0.9 + self.front.0 * (at[0] / 60.0 + self.front.1).sin().abs()).min(1.0);
         let near = |(index, grease): (usize, &Grease)| {
@@ -138,7 +141,7 @@ impl Water {
         Place { at, wets_s, grease: self.grease.iter().enumerate().find_map(near) }
     }
 
-    /// Returns the time at which the film opens at this place, s; infinite if it does not open.
+    /// Returns the time at which the film opens at this point, s; infinite if it does not open.
     pub fn opens_s(&self, place: &Place) -> f64 {
         place.grease.map_or(f64::INFINITY, |(index, away, _)| {
             let grease = &self.grease[index];
@@ -146,7 +149,7 @@ impl Water {
         })
     }
 
-    /// Returns the index of the greasy place that contains a place, and the place's position, mm.
+    /// Returns the index of the greasy spot that contains a point, and the point's position, mm.
     pub fn grease_at(&self, place: &Place) -> Option<(usize, [f64; 2])> {
         place
             .grease
@@ -154,7 +157,7 @@ impl Water {
             .map(|(index, ..)| (index, place.at))
     }
 
-    /// A point under a film at rest.
+    /// The state of a point under a film at rest.
     pub const CALM: Surface = Surface { wet: 1.0, slope: [0.0; 2], shows_weave: 0.0 };
 
     pub fn at(&self, place: &Place, time_s: f64, pixel_mm: f64) -> Surface {
@@ -173,7 +176,7 @@ impl Water {
             let k = wave.per_mm[0].hypot(wave.per_mm[1]);
             slope = [slope[0] + s * wave.per_mm[0] / k, slope[1] + s * wave.per_mm[1] / k];
         }
-        // The front of the spray's water is a wedge some millimetres wide.
+        // The front of the water is a wedge of some millimetres.
         let behind_s = time_s - place.wets_s;
         if behind_s < 0.05 {
             slope[1] += 0.15 * (1.0 - behind_s / 0.05);
