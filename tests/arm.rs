@@ -20,7 +20,7 @@ use std::process::Command;
 
 const BOARD: &str = "--board 9x6 --square-mm 25";
 const POSES: usize = 13;
-/// Maximum number of draws; the arm reaches one in twelve of the drawn poses.
+/// Maximum number of drawn poses; the arm can reach about one in twelve of them.
 const MAX_DRAWS: usize = 400;
 const TIP_MM: [f64; 3] = [2.0, -3.0, 140.0];
 
@@ -37,7 +37,7 @@ fn panelprep(folder: &Path, arguments: &str) -> (i32, Value, String) {
     (output.status.code().expect("an exit code"), object, words)
 }
 
-/// Returns an arm with errors up to the usual size, and its parameters.
+/// Returns an arm with errors up to the typical size, and the parameters of these errors.
 fn wrong_arm(seed: u64) -> (Arm, [f64; ARM_NUMBERS]) {
     let arm = Cell::check("cell.toml", "").unwrap_or_else(|problems| panic!("{problems}")).arm().clone();
     let mut random = Pcg64::seed_from_u64(seed);
@@ -58,7 +58,7 @@ fn list(joints: &Joints) -> String {
     format!("[{}]", all.join(", "))
 }
 
-/// Saves pictures of one side with the axis angles of each picture, at the arm's true poses.
+/// Writes the pictures of one camera with the axis angles of each picture, at the arm's true poses.
 fn pictures<A: Side>(
     folder: &Path,
     cell: &BoardCell,
@@ -94,14 +94,15 @@ fn pictures<A: Side>(
         .expect("written");
 }
 
-/// Returns the touches of corners of the fixed board by the real arm, each with another orientation of the tool.
+/// Returns the touches file for corners of the fixed board, touched by the real arm, each with another orientation of
+/// the tool.
 fn touches(cell: &BoardCell, (arm, errors): (&Arm, &[f64; ARM_NUMBERS])) -> String {
     let board = Board::parse("9x6", 25.0).expect("a board");
     let tip = Point::<Flange>::at(TIP_MM[0], TIP_MM[1], TIP_MM[2]);
     let mut text = String::new();
     for (index, (column, row)) in [(0, 0), (8, 0), (8, 5), (0, 5), (4, 2), (2, 4)].into_iter().enumerate() {
         let corner = (cell.base_from_board() * board.corner(column, row).expect("a corner")).mm.coords;
-        // The tool is tilted and rotated differently each time, as far as the arm allows.
+        // The tool is tilted and rotated differently for each touch, as far as the arm can reach.
         let turns = (0..200).map(|draw| {
             let angle = 1.7 * index as f64 + 0.9 * f64::from(draw);
             UnitQuaternion::from_scaled_axis(Vector3::x() * std::f64::consts::PI)
@@ -124,8 +125,8 @@ fn touches(cell: &BoardCell, (arm, errors): (&Arm, &[f64; ARM_NUMBERS])) -> Stri
 }
 
 /// From pictures of both cameras, axis angles and touched corners, the calibration returns the correction, its
-/// residual, the error of the tip, and the next pose. `check` accepts the file, and a mount calibrated with it fits
-/// better.
+/// residual, the error of the tip, and the next pose. `check` accepts the file, and a mount that is calibrated with the
+/// correction has a smaller residual.
 #[test]
 fn an_arm_is_calibrated_from_pictures_axes_and_touched_corners() {
     let still = RobotNoise { shift_mm: 0.0, turn_deg: 0.0 };
@@ -166,7 +167,7 @@ fn an_arm_is_calibrated_from_pictures_axes_and_touched_corners() {
     let mount = format!(
         "calibrate hand-eye --mount eye-to-hand {BOARD} --intrinsics fixed.toml --images fixed --poses both.toml --out mount.toml"
     );
-    // Hand-eye calibration also needs the controller's poses: those of the nominal arm.
+    // Hand-eye calibration also needs the controller's poses, which are those of the nominal arm.
     let poses = std::fs::read_to_string(folder.join("fixed/poses.toml")).expect("written");
     std::fs::write(folder.join("both.toml"), with_flange(&poses, &arm)).expect("written");
     let rms = |arguments: &str| panelprep(folder, arguments).1["rms_mm"].as_f64().expect("a mount");
@@ -174,7 +175,8 @@ fn an_arm_is_calibrated_from_pictures_axes_and_touched_corners() {
     assert!(corrected < 0.6 * plain, "{plain} mm without, {corrected} mm with the correction");
 }
 
-/// A corner that the board does not have, and one of a camera that is not calibrated, are reported with the file.
+/// Touches of a corner that the board does not have, and of a corner for a camera that is not calibrated, are reported
+/// with the file's name.
 #[test]
 fn a_touch_of_an_unknown_corner_or_camera_is_reported() {
     let still = RobotNoise { shift_mm: 0.0, turn_deg: 0.0 };
@@ -200,7 +202,7 @@ fn a_touch_of_an_unknown_corner_or_camera_is_reported() {
     }
 }
 
-/// Adds the flange poses of the nominal arm to the poses file, beside the axes.
+/// Adds the flange poses of the nominal arm to the poses file, beside the axis angles.
 fn with_flange(poses: &str, arm: &Arm) -> String {
     let line = |line: &str| {
         let Some(list) = line.strip_prefix("axes_deg = [") else { return format!("{line}\n") };

@@ -1,8 +1,8 @@
-//! Boards in poor pictures: out of focus, noisy, pale, with glare, tilted, small, in the dark, among clutter; for
-//! the tests and for `make bench-calib`.
+//! Boards in poor pictures: out of focus, noisy, with low contrast, with glare, tilted, small, in the dark, among
+//! clutter; for the tests and for `make bench-calib`.
 //!
-//! A separate renderer, which shares only the camera model with the simulator. Where the ink changes, a pixel is the
-//! mean of 36 rays; then lamp, glare, blur and noise are applied, in this order.
+//! The pictures come from a separate renderer, which shares only the camera model with the simulator. Where the ink
+//! changes, a pixel is the mean of 36 rays; then lamp, glare, blur and noise are applied, in this order.
 #![allow(dead_code)] // Each of the two uses its part.
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
@@ -17,9 +17,9 @@ use rayon::prelude::*;
 pub struct Hard {
     /// Defocus: the standard deviation of a Gaussian blur, px.
     pub blur_px: f64,
-    /// Noise, rms, grey levels.
+    /// Standard deviation of the pixel noise, grey levels.
     pub noise: f64,
-    /// White minus black, grey levels.
+    /// Difference between white and black, grey levels.
     pub contrast: f64,
     /// Whether glare covers a tenth of the board.
     pub glare: bool,
@@ -27,7 +27,7 @@ pub struct Hard {
     pub tilt_deg: f64,
     /// Whether only the board is lit.
     pub dark: bool,
-    /// The board's share of the picture's width, if it faces the camera.
+    /// The board's width as a fraction of the picture's width, if it faces the camera.
     pub width_share: f64,
 }
 
@@ -37,7 +37,7 @@ impl Hard {
     pub const EASY: Hard = Hard { blur_px: 0.6, noise: 2.0, contrast: 170.0, glare: false, tilt_deg: 25.0, dark: false, width_share: 0.5 };
 }
 
-/// A picture with its ground truth.
+/// A rendered picture with its ground truth.
 pub struct Rendered {
     /// The picture.
     pub picture: GrayPicture,
@@ -45,7 +45,7 @@ pub struct Rendered {
     pub truth: Vec<(Point<BoardFrame>, Pixel, bool)>,
 }
 
-/// A camera with this number of pixels across, and a lens with distortion.
+/// Returns a camera with this picture width, px, and a lens with distortion.
 pub fn camera(width_px: usize) -> PinholeCamera {
     let width = width_px as f64;
     PinholeCamera {
@@ -63,8 +63,8 @@ pub fn camera(width_px: usize) -> PinholeCamera {
     }
 }
 
-/// The print of a board. It gives the ink at a point in squares from the upper left printed corner: 0 is black, 1 is
-/// white; outside of the board's rim it gives `None`.
+/// The print of a board. It returns the ink at a point in squares from the upper left printed corner: 0 is black, 1 is
+/// white; `None` outside of the board's border.
 struct Print {
     board: Board,
     cells: Vec<Vec<bool>>,
@@ -163,7 +163,7 @@ fn place(print: &Print, camera: &PinholeCamera, hard: &Hard, random: &mut Pcg64)
     panic!("a board of this size fits into the picture somewhere")
 }
 
-/// Draws shapes of all greys behind the board.
+/// Draws shapes of random grey levels behind the board.
 fn clutter(camera: &PinholeCamera, random: &mut Pcg64) -> Vec<f32> {
     let (width, height) = (camera.width_px, camera.height_px);
     let mut ground = vec![0.35f32; width * height];
@@ -208,7 +208,7 @@ pub fn render(board: &Board, camera: &PinholeCamera, hard: &Hard, seed: u64) -> 
     let radius = [(area / std::f64::consts::PI * long).sqrt(), (area / std::f64::consts::PI / long).sqrt()];
     let glare = |[x, y]: [f64; 2]| {
         let far = ((x - glare_at[0]) / radius[0]).hypot((y - glare_at[1]) / radius[1]);
-        // Full glare inside, none outside, with a soft edge.
+        // The glare has its full strength inside, none outside, and a soft edge.
         if hard.glare { ((1.15 - far) / 0.3).clamp(0.0, 1.0) } else { 0.0 }
     };
     picture.par_chunks_mut(width).enumerate().for_each(|(row, line)| {
@@ -264,7 +264,7 @@ pub fn render(board: &Board, camera: &PinholeCamera, hard: &Hard, seed: u64) -> 
     let side = board.square_mm();
     let truth = board.corners().into_iter().map(|q| {
         let pixel = camera.project(Point::<Camera>::new(pose * q.mm)).expect("in front");
-        // A corner counts as visible if the glare around it leaves two thirds of the ink; the circles of an
+        // A corner is treated as visible if the glare around it leaves two thirds of the ink; the circles of an
         // asymmetric board are larger.
         let reach = if board.circles() == Some(true) { 0.3 * std::f64::consts::SQRT_2 } else { 0.3 };
         let around = (0..9).map(|index| {
@@ -327,23 +327,23 @@ pub fn no_board(camera: &PinholeCamera, seed: u64) -> GrayPicture {
 /// The comparison of a detection with the truth.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Judged {
-    /// Every visible corner was found, and none at a wrong position: their rms error, px.
+    /// Every visible corner was found, and none at a wrong position. The value is their rms error, px.
     Found(f64),
-    /// At most a tenth of the visible corners is missing: the rms error of the others, px, and the number of
-    /// missing ones.
+    /// At most a tenth of the visible corners is missing. The values are the rms error of the others, px, and the
+    /// number of missing corners.
     Nearly(f64, usize),
-    /// A part of the corners is found; this number is missing.
+    /// Only a part of the corners was found. The value is the number of missing corners.
     Part(usize),
-    /// Some corners are at a wrong position: the largest error, px.
+    /// Some corners are at a wrong position. The value is the largest error, px.
     Wrong(f64),
-    /// No corner is found.
+    /// No corner was found.
     Nothing,
 }
 
-/// Error from which a corner counts as at a wrong position, px.
+/// Minimum error of a corner that is treated as at a wrong position, px.
 pub const MIN_WRONG_PX: f64 = 0.5;
 
-/// Judges corners; for boards that look the same after a rotation, rotated corners are accepted.
+/// Compares found corners with the truth; for boards that look the same after a rotation, rotated corners are accepted.
 pub fn judge(board: &Board, rendered: &Rendered, found: Option<&detect::Corners>) -> Judged {
     let Some(found) = found else { return Judged::Nothing };
     let far = rendered.truth.last().map(|(q, ..)| q.mm).unwrap_or_default();
@@ -380,8 +380,8 @@ pub fn judge(board: &Board, rendered: &Rendered, found: Option<&detect::Corners>
     }
 }
 
-/// Draws a mixture of difficulties with which a person can still see the board. The blur is limited to a fraction of
-/// the shortened side of a square, or of a marker's cell.
+/// Draws a mixture of difficulties at which a person can still see the board. The blur is limited to a fraction of the
+/// shortened side of a square, or of a marker's cell.
 pub fn mixture(board: &Board, camera: &PinholeCamera, seed: u64) -> Hard {
     let mut random = Pcg64::seed_from_u64(seed ^ 0xB0A2D);
     let mut between = |low: f64, high: f64| low + (high - low) * random.random::<f64>();

@@ -11,13 +11,13 @@ use panelprep::sim::{BoardCell, BoardPrint, BoardShot, RobotNoise};
 use rayon::prelude::*;
 
 pub const GOOD_ROBOT: RobotNoise = RobotNoise { shift_mm: 0.02, turn_deg: 0.005 };
-/// A robot with 0.5 mm of absolute error, and the corresponding rotation.
+/// A robot with an absolute error of 0.5 mm, and the corresponding rotation.
 pub const BAD_ROBOT: RobotNoise = RobotNoise { shift_mm: 0.288_675, turn_deg: 0.03 };
 pub const POSES: usize = 15;
 /// Noise of synthetic corners, px: twice the detection error on rendered pictures.
 pub const CORNER_PX: f64 = 0.02;
 
-/// A lens and its accuracy.
+/// A lens with its stated accuracy.
 #[derive(Debug, Clone, Copy)]
 pub struct Lens {
     pub camera: PinholeCamera,
@@ -38,7 +38,7 @@ pub fn cell(seed: u64, robot: RobotNoise) -> BoardCell {
     BoardCell::new(seed, BoardPrint::chessboard(9, 6, 25.0), robot)
 }
 
-/// A mount with its camera and its ground truth.
+/// A camera mount, with its camera and its ground truth.
 pub trait Side: Arrangement {
     const NAME: &'static str;
     fn camera(cell: &BoardCell) -> PinholeCamera;
@@ -78,7 +78,7 @@ impl Side for FlangeCameraMount {
     }
 }
 
-/// Computes corners of shots without rendering.
+/// Computes the corners of shots without rendering.
 pub fn synthetic<A: Side>(cell: &BoardCell, shots: &[BoardShot<A::From>]) -> Vec<detect::Corners> {
     shots.iter().map(|shot| cell.corners(&A::camera(cell), shot, CORNER_PX)).collect()
 }
@@ -101,7 +101,7 @@ pub fn stations<A: Side>(shots: &[BoardShot<A::From>], corners: &[detect::Corner
     shots.iter().zip(corners).map(station).collect()
 }
 
-/// Number of pictures for a lens, more than for a mount.
+/// Number of pictures for a lens, which is larger than for a mount.
 const LENS_PICTURES: usize = 25;
 
 /// Calibrates the camera with this program, from rendered pictures in which the board fills the picture.
@@ -124,7 +124,7 @@ pub fn lens_of(camera: &PinholeCamera, corners: &[detect::Corners]) -> Lens {
     Lens { camera: found.camera, covariance: Some(found.covariance) }
 }
 
-/// Calibrates the lens from these corners, and returns its evidence as well.
+/// Calibrates the lens from these corners, and also returns the evidence of the calibration.
 pub fn calibrated_lens(camera: &PinholeCamera, corners: &[detect::Corners]) -> intrinsics::Calibrated {
     let view =
         |(index, corners): (usize, &detect::Corners)| View { name: index.to_string(), corners: corners.clone() };
@@ -133,13 +133,13 @@ pub fn calibrated_lens(camera: &PinholeCamera, corners: &[detect::Corners]) -> i
     intrinsics::calibrate(size, &views, intrinsics::Options::default()).expect("a camera")
 }
 
-/// The error of a calibration.
+/// The error of a calibration, compared with the ground truth.
 #[derive(Debug, Clone, Copy)]
 pub struct Error {
     pub mm: f64,
     pub deg: f64,
     pub stated_mm: f64,
-    /// Whether the true value is in the stated 95 % region.
+    /// Whether the true value is inside of the stated 95 % region.
     pub held: bool,
     pub suspects: usize,
 }
@@ -156,7 +156,7 @@ pub fn error<A: Side>(cell: &BoardCell, found: &HandEye<A>) -> Error {
     }
 }
 
-/// Calibrates a mount from corners of many poses, with these intrinsics.
+/// Calibrates a mount from the corners of many poses, with these intrinsics.
 pub fn many_poses<A: Side>(lens: &Lens, shots: &[BoardShot<A::From>], corners: &[detect::Corners]) -> HandEye<A> {
     calibrated(lens, &stations::<A>(shots, corners))
 }
@@ -171,11 +171,11 @@ pub fn calibrated<A: Side>(lens: &Lens, stations: &[Station<A::From>]) -> HandEy
     }
 }
 
-/// The faults of a calibration, as its messages name them.
+/// Words with which the messages of a calibration name each injected fault.
 pub const FAULTS: [&str; 3] = ["upside down", "exchange their poses", "according to the picture"];
 
-/// Calibrates with a flipped board, two swapped pictures or a mistyped number in station `seed`. Returns the
-/// messages, and their expected first words.
+/// Calibrates with a flipped board, two exchanged pictures or a mistyped number at the station `seed`. Returns the
+/// messages, and the first words that are expected of them.
 pub fn faulty<A: Side>(seed: u64, fault: usize) -> (Vec<String>, Vec<String>) {
     let cell = cell(seed, GOOD_ROBOT);
     let shots = A::shots(&cell, POSES);
@@ -220,7 +220,7 @@ pub fn three_point_errors(seed: u64, noise_mm: f64, is_rendered: bool) -> [f64; 
     let cell = cell(seed, RobotNoise { shift_mm: 0.0, turn_deg: 0.0 });
     let camera = cell.scanner();
     let mut shot = cell.fixed_shots(1)[0];
-    // The operator holds the board at the later position of the panel, roughly facing the camera.
+    // The operator holds the board at the position of the panel, approximately facing the camera.
     let middle = board().centre().mm.coords;
     let turn = nalgebra::UnitQuaternion::from_scaled_axis(nalgebra::Vector3::new(0.2, -0.25, 0.05));
     let place = cell.panel_middle().mm.coords - turn * middle;

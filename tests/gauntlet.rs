@@ -1,5 +1,5 @@
-//! Sends random paths through every gate before motion. The good ones pass, and one planted defect makes the gates
-//! refuse the whole path. `make test` sends a few paths, `make bench-surface` a hundred thousand.
+//! Sends random paths through all acceptance checks before motion. The valid paths pass; with one inserted defect the
+//! checks refuse the whole path. `make test` sends a few paths, `make bench-surface` a hundred thousand.
 
 use nalgebra::Vector3;
 use panelprep::cell::{Cell, Workspace};
@@ -14,11 +14,11 @@ use std::collections::BTreeMap;
 /// The result of a run with many paths.
 #[derive(Debug, Default)]
 pub struct Outcome {
-    /// Good paths that were refused, with the gate's words.
+    /// Valid paths that were refused, with the message of the check.
     pub refused: Vec<String>,
-    /// For each defect, the number of paths that had it and the number of these that passed.
+    /// For each defect, the number of paths with the defect and the number of these that passed.
     pub planted: BTreeMap<&'static str, [usize; 2]>,
-    /// Number of random paths that no configuration of the arm can follow. They do not count as good paths.
+    /// Number of random paths that the arm cannot follow in any configuration. They are not counted as valid paths.
     pub infeasible: usize,
 }
 
@@ -68,11 +68,11 @@ struct Path {
     from: Joints,
     legs: Vec<PathLine>,
     joints: Vec<Joints>,
-    /// An arm that differs from the cell's arm or has other surroundings; `None` for the cell's own arm.
+    /// An arm that differs from the cell's arm or has other obstacles; `None` for the cell's own arm.
     arm: Option<Kinematics>,
 }
 
-/// Returns a path like one over an upright panel: rows of 10 mm steps, with the tool along X and leaning a little.
+/// Returns a path similar to one over a vertical panel: rows of 10 mm steps, with the tool along X and slightly tilted.
 /// `None` if the arm cannot follow it in any configuration.
 fn random_path(random: &mut Pcg64Mcg, gates: &Gates) -> Option<Path> {
     let mut share = |low: f64, high: f64| low + (high - low) * random.random::<f64>();
@@ -101,7 +101,7 @@ fn random_path(random: &mut Pcg64Mcg, gates: &Gates) -> Option<Path> {
     Some(Path { from: travel.joints[0], legs, joints: travel.joints[1..].to_vec(), arm: None })
 }
 
-/// Puts one defect into a path; returns the defect's name.
+/// Inserts one defect into a path; returns the defect's name.
 fn spoil(random: &mut Pcg64Mcg, path: &mut Path) -> &'static str {
     let nth = 1 + (random.random::<f64>() * (path.legs.len() - 2) as f64) as usize;
     let pose = KukaPose::from_rigid(&path.legs[nth].base_from_tool);
@@ -145,7 +145,7 @@ fn spoil(random: &mut Pcg64Mcg, path: &mut Path) -> &'static str {
             "an axis too fast"
         }
         9 => {
-            // Moves back and forth at one position, with hardly any rounding.
+            // The path moves back and forth at one position, with hardly any rounding.
             path.legs.iter_mut().for_each(|leg| (leg.feed_mm_s, leg.blend_mm) = (900.0, 0.05));
             "an axis that speeds up too fast"
         }
@@ -171,7 +171,7 @@ fn spoil(random: &mut Pcg64Mcg, path: &mut Path) -> &'static str {
             "a post in the way"
         }
         13 => {
-            // A limit in the middle of the range that axis 2 uses on the path, with its margin of 3°.
+            // The limit lies in the middle of the range that axis 2 uses on the path, with its margin of 3°.
             let a2_deg = path.joints[nth].a2_deg;
             path.arm = Some(arm(&format!("[arm]\nmax_deg = [170, {}, 156, 185, 120, 350]\n", a2_deg + 2.9)));
             "an axis beyond its limits"
@@ -184,13 +184,13 @@ fn spoil(random: &mut Pcg64Mcg, path: &mut Path) -> &'static str {
     }
 }
 
-/// Leans the tool by an angle about the base's Z, around the tool's own point.
+/// Tilts the tool by an angle about the base's Z axis, around the tool's own point.
 fn leant(pose: Rigid<Base, Tool>, deg: f64) -> Rigid<Base, Tool> {
     let kuka = KukaPose::from_rigid(&pose);
     KukaPose { a_deg: if kuka.a_deg > 0.0 { kuka.a_deg + deg } else { kuka.a_deg - deg }, ..kuka }.to_rigid()
 }
 
-/// Runs this number of good paths, and each of them once more with a defect.
+/// Runs this number of valid paths, and each of them a second time with a defect.
 pub fn run(paths: usize) -> Outcome {
     let gates = Gates::new();
     let mut random = Pcg64Mcg::seed_from_u64(11);

@@ -1,6 +1,6 @@
-//! Plans every pattern over many sets of grids of the demo's own panels. Each plan is finite, its lines are no
-//! farther apart than the recipe states, and it reaches everything; its evenness is measured. `make test` plans a
-//! few sets, `make bench-surface` all of them.
+//! Plans every pattern over many sets of grids of the demo's own panels. Checks that each plan is finite, that adjacent
+//! lines are at most the recipe's step-over apart, and that the disc reaches the whole area; also measures the
+//! uniformity of the dwell time. `make test` plans a few sets, `make bench-surface` all of them.
 
 use panelprep::panel::{GridId, TaughtPanel};
 use panelprep::path::{self, Plan};
@@ -12,26 +12,26 @@ use rayon::prelude::*;
 use std::collections::BTreeMap;
 
 pub const PATTERNS: [&str; 5] = ["raster", "cross-hatch", "spiral", "offset", "offset-spiral"];
-/// Disc diameter for which a pattern's default limits are made, mm.
+/// Disc diameter for which the default limits of a pattern are defined, mm.
 pub const USUAL_DISC_MM: f64 = 30.0;
 
 /// The results of one pattern with one disc, over many sets of grids.
 #[derive(Debug, Clone, Default)]
 pub struct Row {
     pub plans: usize,
-    /// The least coverage of all grids of all plans, 0…1.
+    /// The smallest coverage of a grid over all plans, 0…1.
     pub least_coverage: f64,
     pub widest_step_mm: f64,
-    /// The largest dwell ratio of each plan.
+    /// The largest ratio of the dwell times in each plan.
     pub dwell_ratios: Vec<f64>,
-    /// The faults that were found, with pattern, disc, seed and grids.
+    /// The faults that were found, each with pattern, disc, seed and grids.
     pub faults: Vec<String>,
-    /// Plans that a person must decide about.
+    /// Number of plans that a person must decide about.
     pub reviews: usize,
 }
 
 impl Row {
-    /// Returns the dwell ratio that this share of the plans does not exceed.
+    /// Returns the quantile of the dwell ratio over the plans for this fraction.
     pub fn dwell_ratio(&self, share: f64) -> f64 {
         let mut sorted = self.dwell_ratios.clone();
         sorted.sort_by(f64::total_cmp);
@@ -77,7 +77,7 @@ fn recipe(text: &str) -> Recipe {
     Recipe::check("demo.toml", text).unwrap_or_else(|problems| panic!("{problems}"))
 }
 
-/// Returns every single grid, pair of neighbours, L of three, row, and the set of all grids.
+/// Returns every single grid, pair of adjacent grids, L-shape of three, row, and the set of all grids.
 pub fn every_set(rows: usize, columns: usize) -> Vec<Vec<GridId>> {
     let mut sets: Vec<Vec<GridId>> = Vec::new();
     let there = |id: &GridId| (1..=rows).contains(&id.row) && (1..=columns).contains(&id.column);
@@ -99,7 +99,8 @@ pub fn every_set(rows: usize, columns: usize) -> Vec<Vec<GridId>> {
     sets
 }
 
-/// Plans sets of grids with every pattern and each of these discs, on these seeds of the demo; `wanted` picks the sets.
+/// Plans sets of grids with every pattern and each of these discs, on these seeds of the demo; `wanted` selects the
+/// sets.
 pub fn run(
     (seeds, reduction): (std::ops::RangeInclusive<u64>, usize),
     discs_mm: &[f64],
@@ -134,7 +135,7 @@ pub fn run(
 impl Row {
     fn add(&mut self, name: &str, plan: &Plan, settings: &panelprep::recipe::Path) {
         let judgement = path::judge(plan, settings);
-        let least = plan.grids.iter().map(|grid| grid.share()).fold(1.0, f64::min);
+        let least = plan.grids.iter().map(|grid| grid.covered_fraction()).fold(1.0, f64::min);
         let step_mm = plan.step_over_mm.map_or(0.0, |step_over| step_over.max_mm);
         let ratio = plan.dwell_ratio().map(|(ratio, _)| ratio);
         self.least_coverage = self.least_coverage.min(least);
@@ -160,7 +161,7 @@ impl Row {
 
 #[test]
 fn every_pattern_plans_singles_pairs_ls_rows_and_all() {
-    // One set in eleven, the whole rows and all grids.
+    // Selects one set in eleven, the whole rows and all grids.
     let some = |index: usize, set: &[GridId]| index.is_multiple_of(11) || set.len() > 3;
     let rows = run((1..=2, 4), &[20.0, 30.0, 60.0], some);
     let faults: Vec<&String> = rows.values().flat_map(|row| &row.faults).collect();
@@ -180,8 +181,8 @@ fn every_pattern_plans_singles_pairs_ls_rows_and_all() {
     assert!(faults.is_empty(), "{} faults: {:#?}", faults.len(), &faults[..faults.len().min(20)]);
 }
 
-/// Calculated by hand: 4 × 6 grids have 24 singles, 4·5 + 3·6 = 38 pairs, 4 · 15 = 60 Ls, 4 rows and one set of all
-/// grids.
+/// Expected numbers, calculated by hand: 4 × 6 grids have 24 single grids, 4·5 + 3·6 = 38 pairs, 4 · 15 = 60 L-shapes,
+/// 4 rows and one set of all grids.
 #[test]
 fn every_set_is_there() {
     assert_eq!(every_set(4, 6).len(), 24 + 38 + 60 + 4 + 1);

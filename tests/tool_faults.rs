@@ -1,12 +1,12 @@
-//! The compliant tool of the simulated cell fails in contact, through the program as a user runs it. The sander is
-//! off in time, the cycle ends held for the tool's own reason, and the page states what was touched. `make
+//! The compliant tool of the simulated cell fails in contact, with the program as a user runs it. The sander is
+//! switched off in time, the cycle ends in a hold with the tool's reason, and the page lists what was touched. `make
 //! bench-tool-faults` runs every fault along the whole path.
 
 use super::commands::json;
 use serde_json::Value;
 use std::fs;
 
-/// Longest time from the fault until the tool's output is off, ms.
+/// Maximum time from the fault until the tool's output is off, ms.
 const MAX_SWITCH_OFF_MS: u64 = 500;
 
 fn codes(result: &Value) -> Vec<&str> {
@@ -41,7 +41,7 @@ fn a_tool_that_fails_in_contact_is_off_in_time_and_named() {
     }
 }
 
-/// The message for a wrong name states the valid form, and a fault needs a compliant tool.
+/// The message for a wrong name contains the valid form. A fault can be injected only into a compliant tool.
 #[test]
 fn a_fault_needs_a_name_and_a_simulated_tool() {
     let folder = tempfile::tempdir().expect("a folder");

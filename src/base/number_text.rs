@@ -15,7 +15,7 @@ const MAX_DECIMALS: usize = 15;
 ///
 /// # Errors
 /// If the text is empty, longer than this number of characters, or contains characters that cannot be printed.
-pub fn printable(text: &str, most_characters: usize) -> Result<(), String> {
+pub fn check_printable(text: &str, most_characters: usize) -> Result<(), String> {
     match text.chars().count() {
         _ if text.trim() != text || text.is_empty() => {
             Err("the text is empty, or begins or ends with a space".to_owned())

@@ -12,7 +12,7 @@ use std::sync::Arc;
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{}: {problem}", path.display())]
 pub struct TrustError {
-    /// The file.
+    /// Path of the file.
     pub path: PathBuf,
     /// The problem of the file, as a sentence.
     pub problem: String,

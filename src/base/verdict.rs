@@ -189,7 +189,7 @@ pub struct Check {
     pub value: Option<f64>,
     /// The value's unit, such as "mm"; empty for fractions and counts.
     pub unit: String,
-    /// The limit.
+    /// The limit of the value.
     pub limit: Limit,
     /// The source of the limit; `None` if there is no limit, or if an earlier version of the program stored the check
     /// without the source.
@@ -207,7 +207,7 @@ pub struct Check {
 }
 
 /// Names of the fields of a check that were added later: earlier versions of the program did not store them.
-pub const LATER_CHECK_FIELDS: [&str; 4] = ["set_by", "severity", "code", "message"];
+pub const CHECK_FIELDS_ADDED_LATER: [&str; 4] = ["set_by", "severity", "code", "message"];
 
 impl Check {
     /// Creates a check of a value without a limit; `None` means that the value was not measured.

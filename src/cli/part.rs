@@ -2,7 +2,7 @@
 //! first on the page of the cycle.
 
 use super::fault::{Fault, RecordFault};
-use panelprep_base::number_text::{printable, utc_day};
+use panelprep_base::number_text::{check_printable, utc_day};
 use panelprep_cell::record::{ANOTHER_PART_TEXT, CycleRecord, LostPasses, PartNames, describe_part};
 use panelprep_service::report::page::{Row, Section};
 use panelprep_store::store::{PassesOfCycle, Store};
@@ -18,7 +18,7 @@ pub fn parse_part_names(part: PartNames) -> Result<Option<PartNames>, Fault> {
     let named = [("--part", &part.serial), ("--order", &part.order), ("--operator", &part.operator)];
     for (option, name) in named {
         let Some(name) = name else { continue };
-        printable(name, MAX_CHARACTERS).map_err(|problem| {
+        check_printable(name, MAX_CHARACTERS).map_err(|problem| {
             let found = name.escape_debug().to_string();
             RecordFault::PartName { option, found, problem }
         })?;

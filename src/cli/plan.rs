@@ -236,8 +236,8 @@ impl PlannedPath {
                 disc.wear_after_mm2 - disc.swept_mm2
             ),
             format!(
-                "covered            {:8.2} %, maximum dwell time {:.2} s",
-                100.0 * dwell.share(),
+                "covered            {:8.2} %, longest time under the disc {:.2} s",
+                100.0 * dwell.covered_fraction(),
                 dwell.longest_s()
             ),
             self.describe_uniformity(recipe),
@@ -250,7 +250,7 @@ impl PlannedPath {
             format!(
                 "{:8}  {:9.2}   {:9.1}   {:8.1}   {:6.2}   {spread}",
                 grid.id.to_string(),
-                100.0 * grid.share(),
+                100.0 * grid.covered_fraction(),
                 100.0 * grid.overlap(),
                 grid.untreated_mm2(),
                 grid.mean_dwell_s()
@@ -263,7 +263,7 @@ impl PlannedPath {
         let grid = |grid: &GridDwell| {
             let spread = self.grid_spread(grid.id);
             json!({
-                "grid": grid.id.to_string(), "share": grid.share(), "overlap": grid.overlap(),
+                "grid": grid.id.to_string(), "share": grid.covered_fraction(), "overlap": grid.overlap(),
                 "left_mm2": grid.untreated_mm2(), "mean_dwell_s": grid.mean_dwell_s(),
                 "p5_s": spread.map(|spread| spread.low_s), "p95_s": spread.map(|spread| spread.high_s),
                 "ratio": spread.map(|spread| spread.ratio()),

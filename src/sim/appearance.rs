@@ -6,7 +6,7 @@
 //! radius.
 
 use super::cast::{CastView, PixelHit};
-use super::noise::{LEVEL, PixelNoise, RandomPurpose, Seed, to_bytes};
+use super::noise::{STEPS_PER_GRAY_LEVEL, PixelNoise, RandomPurpose, Seed, to_bytes};
 use nalgebra::Vector3;
 use panelprep_base::geometry::ColorPicture;
 use rand::RngExt;
@@ -45,7 +45,7 @@ pub(super) fn dry_and_wet(sight: &PixelHit) -> (FixedColor, FixedColor) {
 }
 
 fn to_fixed_point(gray: f64) -> u16 {
-    (gray * f64::from(LEVEL)).round() as u16
+    (gray * f64::from(STEPS_PER_GRAY_LEVEL)).round() as u16
 }
 
 /// Computes the relative light of a wide lamp above the cameras: brightest where the panel's normal points to the lamp.
@@ -118,7 +118,7 @@ fn apply_drop(color: [u16; 3], sight: &PixelHit, shot: Seed) -> [u16; 3] {
             continue;
         }
         if (s + 0.25).hypot(t - 0.4) < 0.3 {
-            return [(DROP_GLINT_GRAY * f64::from(LEVEL)) as u16; 3];
+            return [(DROP_GLINT_GRAY * f64::from(STEPS_PER_GRAY_LEVEL)) as u16; 3];
         }
         return color.map(|channel| (f64::from(channel) * DROP_FACTOR) as u16);
     }
@@ -150,7 +150,7 @@ mod tests {
     /// A pixel centred on the edge shows the panel on half of its area. A pixel whose centre is a quarter of a pixel
     /// outside of the edge shows the panel on a quarter of its area.
     #[test]
-    fn edge_pixels_are_mixed_by_their_share() {
+    fn edge_pixels_are_mixed_by_their_covered_fraction() {
         let dry = |edge_px: f64| f64::from(dry_and_wet(&sight(edge_px)).0[0]);
         let (panel, plate) = (dry(-2.0), 180.0 * 128.0);
         assert!((dry(0.0) - (panel + plate) / 2.0).abs() < 1.0);

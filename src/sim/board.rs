@@ -9,7 +9,7 @@
 //! are drawn at random, as a careful operator would choose them: widely distributed, with the whole board in the
 //! picture.
 
-use super::noise::{LEVEL, NormalStream, PixelNoise, RandomPurpose, Seed, to_byte};
+use super::noise::{STEPS_PER_GRAY_LEVEL, NormalStream, PixelNoise, RandomPurpose, Seed, to_byte};
 use super::scanner::{Projector, ScannerDistortion};
 use super::{scanner, scene};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
@@ -35,7 +35,7 @@ pub struct Marker {
 pub struct BoardPrint {
     /// Number of squares in a row.
     pub columns: usize,
-    /// Rows of squares.
+    /// Number of rows of squares.
     pub rows: usize,
     /// Side of a square, mm.
     pub square_mm: f64,
@@ -139,7 +139,7 @@ impl BoardPrint {
                     BACKGROUND_GRAY
                 };
                 let light = 0.85 + 0.3 * column as f64 / camera.width_px as f64;
-                *byte = to_byte((seen * light * f64::from(LEVEL)).round() as u16, noise[column]);
+                *byte = to_byte((seen * light * f64::from(STEPS_PER_GRAY_LEVEL)).round() as u16, noise[column]);
             }
         });
         picture
@@ -243,13 +243,13 @@ impl Plane {
 /// each axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RobotNoise {
-    /// Place, mm.
+    /// Standard deviation of the translation along each axis, mm.
     pub shift_mm: f64,
-    /// Turn, degrees.
+    /// Standard deviation of the rotation about each axis, degrees.
     pub turn_deg: f64,
 }
 
-/// One picture's poses.
+/// The poses of flange and board at one picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BoardShot<C: Frame> {
     /// The picture's number, which selects the picture's noise.
@@ -353,7 +353,7 @@ impl BoardCell {
         base_from_board(&self.print)
     }
 
-    /// Returns the print.
+    /// Returns the print of the board.
     pub fn print(&self) -> &BoardPrint {
         &self.print
     }
@@ -439,7 +439,7 @@ impl BoardCell {
         (distance_mm, [across, down]): (f64, [f64; 2]),
     ) -> Rigid<C, Board> {
         for _ in 0..MAX_DRAWS {
-            let mut spread = |reach: f64| (2.0 * normal.share() - 1.0) * reach;
+            let mut spread = |reach: f64| (2.0 * normal.next_uniform() - 1.0) * reach;
             let depth = distance_mm * (1.0 + spread(0.15));
             let middle = Vector3::new(spread(across) * depth, spread(down) * depth, depth);
             let turn = UnitQuaternion::from_scaled_axis(Vector3::new(spread(0.65), spread(0.65), 0.0))
@@ -495,7 +495,7 @@ impl BoardCell {
         let (camera, picture) = (self.scanner(), self.picture(&self.scanner(), shot));
         let seed = self.seed.child(RandomPurpose::BoardScan, shot.index);
         let (mut normal, correlated) =
-            (NormalStream::new(seed.stream(RandomPurpose::ScanRow, 0)), scanner::correlated_noise(seed, None));
+            (NormalStream::new(seed.stream(RandomPurpose::ScanRow, 0)), scanner::draw_correlated_noise(seed, None));
         let middle = self.print.centre().mm;
         let points = self.print.points(&camera, &shot.camera_from_board, |[x, y], depth_mm| {
             scanner::range_error_mm(normal.next(), depth_mm, correlated.value_at([x - middle.x, y - middle.y]))

@@ -64,7 +64,7 @@ fn interpolate(a: [f64; 2], b: [f64; 2], share: f64) -> [f64; 2] {
 pub(super) struct PanelHit {
     /// Position of the intersection on the sheet, mm.
     pub place: [f64; 2],
-    /// Depth, mm.
+    /// Depth of the intersection in the camera's frame, mm.
     pub depth_mm: f64,
     /// Cosine of the angle between ray and normal.
     pub cos_incidence: f64,
@@ -83,7 +83,7 @@ pub(super) struct PanelHit {
 /// Computes the fraction of a square pixel on the inner side of a straight edge. `edge_px` is the distance from the
 /// pixel's centre to the edge, negative inside; `growth` is the unit vector across the edge. As a function of distance,
 /// the density of the pixel's area is a trapezoid of the widths |g_u| and |g_v|.
-fn covered_share(edge_px: f64, growth: Vector2<f64>) -> f64 {
+fn covered_pixel_fraction(edge_px: f64, growth: Vector2<f64>) -> f64 {
     let (long, short) = (growth.abs().max(), growth.abs().min());
     let (reach, flat) = ((long + short) / 2.0, (long - short) / 2.0);
     let away = edge_px.abs();
@@ -261,7 +261,7 @@ impl<'a> PanelView<'a> {
             cos_incidence: -across.dot(r) / (across.norm() * r.norm()),
             normal: across.normalize(),
             edge_px,
-            coverage: covered_share(edge_px, growth_px.normalize()),
+            coverage: covered_pixel_fraction(edge_px, growth_px.normalize()),
             pixel_mm: depth / self.focal_px[0],
             appearance: Appearance::UNTREATED,
         }
@@ -332,13 +332,13 @@ mod tests {
     /// through a corner of the pixel, at the distance √½: the whole pixel. A diagonal edge at half of this distance
     /// cuts off a triangle of base √½ and height √⅛: ⅛.
     #[test]
-    fn shares_of_a_pixel_by_hand() {
+    fn covered_fractions_agree_with_hand_calculation() {
         let diagonal = Vector2::new(1.0, -1.0).normalize();
-        assert!((covered_share(-0.25, Vector2::x()) - 0.75).abs() < 1e-12);
-        assert!((covered_share(0.25, Vector2::y()) - 0.25).abs() < 1e-12);
-        assert!((covered_share(-0.5_f64.sqrt(), diagonal) - 1.0).abs() < 1e-12);
-        assert!((covered_share(-0.125_f64.sqrt(), diagonal) - 0.875).abs() < 1e-12);
-        assert!((covered_share(0.0, diagonal) - 0.5).abs() < 1e-12);
+        assert!((covered_pixel_fraction(-0.25, Vector2::x()) - 0.75).abs() < 1e-12);
+        assert!((covered_pixel_fraction(0.25, Vector2::y()) - 0.25).abs() < 1e-12);
+        assert!((covered_pixel_fraction(-0.5_f64.sqrt(), diagonal) - 1.0).abs() < 1e-12);
+        assert!((covered_pixel_fraction(-0.125_f64.sqrt(), diagonal) - 0.875).abs() < 1e-12);
+        assert!((covered_pixel_fraction(0.0, diagonal) - 0.5).abs() < 1e-12);
     }
 
     /// The sum of all pixels' fractions is the area of the projected outline: the mean error of the edge over its

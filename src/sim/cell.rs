@@ -40,9 +40,9 @@ pub enum PanelPosition {
 pub struct Region {
     /// The region's corners: top left, top right, bottom right, bottom left.
     pub corners_px: [Pixel; 4],
-    /// Rows of grids.
+    /// Number of rows of grids.
     pub rows: usize,
-    /// Columns of grids.
+    /// Number of columns of grids.
     pub columns: usize,
 }
 
@@ -52,7 +52,7 @@ pub const SEARCH_BOX_MM: [[f64; 3]; 2] = [[465.0, -240.0, 180.0], [638.0, 240.0,
 /// Distance between the region and the outline, mm.
 const REGION_INSET_MM: f64 = 15.0;
 
-/// A simulated cell.
+/// A simulated cell with one scene.
 #[derive(Debug, Clone)]
 pub struct Cell {
     pub(super) seed: Seed,
@@ -375,9 +375,9 @@ const TOUCH_NOISE_MM: f64 = 0.03;
 /// A fixed board in the cell, as one of the cameras sees it.
 #[derive(Debug, Clone)]
 pub struct Target {
-    /// Its true pose.
+    /// The true pose of the board.
     pub base_from_board: Rigid<Base, Board>,
-    /// Its known pose.
+    /// The pose of the board as measured by touching it.
     pub known_base_from_board: Rigid<Base, Board>,
     /// The flange's pose at which the flange camera captures its picture; not used for the fixed camera.
     pub base_from_flange: Rigid<Base, Flange>,

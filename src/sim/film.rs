@@ -50,7 +50,7 @@ pub struct Film {
 /// The grease and dust on the panel when its film begins.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct PanelCondition<'a> {
-    /// The grease now.
+    /// The greasy spots that are present.
     pub spots: &'a [GreasySpot],
     /// The present and the earlier greasy spots, each of which leaves a stain.
     pub stained: &'a [GreasySpot],
@@ -168,11 +168,11 @@ impl Film {
                 let column = row.first_column + offset;
                 let thickness = drift.thickness(wetted.streak) * (1.0 + new as f32);
                 let own = wetted.film(time_s as f32) * thickness;
-                let drop = covered[offset] * wetted.wetted_share(time_s as f32);
+                let drop = covered[offset] * wetted.wetted_fraction(time_s as f32);
                 let film = own + drop * (DROP_THICKNESS - own).max(0.0);
                 let gain = gains[column - columns.start];
                 let glint = shine[offset] * film.min(1.0) * (self.spec.exposure * 128.0) as f32;
-                let washed = wetted.wetted_share(time_s as f32);
+                let washed = wetted.wetted_fraction(time_s as f32);
                 let color = std::array::from_fn(|channel| {
                     let [dry, bare, wet] =
                         [dry[column], wetted.bare, wetted.wet].map(|color| f32::from(color[channel]));
@@ -208,7 +208,7 @@ impl Film {
     /// Returns the ground truth: the colours of each pixel, dry and under an unbroken film, grey levels. The two
     /// colours are equal beside the panel.
     pub fn dry_and_wet_levels(&self) -> Vec<[[f64; 3]; 2]> {
-        let levels = |color: FixedColor| color.map(|level| f64::from(level) / f64::from(super::noise::LEVEL));
+        let levels = |color: FixedColor| color.map(|level| f64::from(level) / f64::from(super::noise::STEPS_PER_GRAY_LEVEL));
         let mut both: Vec<[[f64; 3]; 2]> = self.dry.iter().map(|dry| [levels(*dry); 2]).collect();
         for (index, row) in self.rows.iter().enumerate() {
             for (offset, wetted) in row.wetted.iter().enumerate() {

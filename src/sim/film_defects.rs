@@ -46,14 +46,14 @@ pub enum Grease {
     /// `count` spots from 25 to 600 mm², of all kinds. Each break has reached its outline by `until_s`, s from the
     /// start of the film.
     Mixed {
-        /// Places.
+        /// Number of spots.
         count: usize,
         /// Time by which the last break has reached its outline, s from the start of the film.
         until_s: f64,
     },
     /// One spot that covers this fraction of the panel, 0…1.
     Share {
-        /// The share.
+        /// The covered fraction of the panel, 0…1.
         share: f64,
         /// The kind of the spot.
         kind: SpotKind,
@@ -66,12 +66,12 @@ const MIN_MIXED_EDGE_MM: f64 = 18.0;
 /// Returns the spots that `grease` specifies on this panel; the panel is fully wet from `wet_from_s` on.
 pub(super) fn draw_spots(seed: Seed, shape: &Shape, wet_from_s: f64, grease: &Grease) -> Vec<GreasySpot> {
     match *grease {
-        Grease::Mixed { count, until_s } => mixed_spots(seed, shape, count, (wet_from_s, until_s)),
+        Grease::Mixed { count, until_s } => draw_mixed_spots(seed, shape, count, (wet_from_s, until_s)),
         Grease::Share { share, kind } => vec![covering_spot(share, kind)],
     }
 }
 
-fn mixed_spots(seed: Seed, shape: &Shape, count: usize, (wet_from_s, until_s): (f64, f64)) -> Vec<GreasySpot> {
+fn draw_mixed_spots(seed: Seed, shape: &Shape, count: usize, (wet_from_s, until_s): (f64, f64)) -> Vec<GreasySpot> {
     const MAX_ATTEMPTS: usize = 2_000;
     let mut random = seed.stream(RandomPurpose::Grease, 0);
     let mut spots: Vec<GreasySpot> = Vec::new();
@@ -146,13 +146,13 @@ pub(super) fn draw(seed: Seed, shape: &Shape, wet_from_s: f64) -> Vec<GreasySpot
         if apart && shape.outline().distance(centre).0 < -MIN_SPOT_EDGE_MM {
             // The first spot breaks early, so that a film that is observed for a short time also has a break.
             let latest_s = if spots.is_empty() { 6.0 } else { 25.0 };
-            spots.push(spot(&mut random, centre, wet_from_s + 1.5, latest_s));
+            spots.push(draw_spot(&mut random, centre, wet_from_s + 1.5, latest_s));
         }
     }
     spots
 }
 
-fn spot(random: &mut Pcg64, centre: Vector2<f64>, earliest_s: f64, span_s: f64) -> GreasySpot {
+fn draw_spot(random: &mut Pcg64, centre: Vector2<f64>, earliest_s: f64, span_s: f64) -> GreasySpot {
     let mut between = |low: f64, high: f64| random.random_range(low..high);
     GreasySpot {
         centre,

@@ -199,7 +199,7 @@ pub(super) struct TravellingSpot {
     pub peak_gray: f32,
 }
 
-/// Glints or drops.
+/// All glints, or all drops, of a film.
 #[derive(Debug, Clone)]
 pub(super) struct TravellingSpots {
     seed: Seed,

@@ -91,7 +91,7 @@ impl NormalStream {
     }
 
     /// Draws a number that is uniformly distributed from 0 to 1.
-    pub fn share(&mut self) -> f64 {
+    pub fn next_uniform(&mut self) -> f64 {
         self.random.random()
     }
 }
@@ -112,7 +112,7 @@ impl ValueNoise {
     /// Creates noise of 1 rms at the nodes over the square −`half_width_mm`…`half_width_mm`, with a random phase.
     pub fn new(random: Pcg64, spacing_mm: f64, half_width_mm: f64) -> Self {
         let mut normal = NormalStream::new(random);
-        let corner_mm = [0, 1].map(|_| -half_width_mm - spacing_mm * normal.share());
+        let corner_mm = [0, 1].map(|_| -half_width_mm - spacing_mm * normal.next_uniform());
         let columns = (2.0 * half_width_mm / spacing_mm).ceil() as usize + 3;
         ValueNoise {
             spacing_mm,
@@ -146,7 +146,7 @@ pub(super) fn smoothstep(x: f64) -> f64 {
 }
 
 /// Number of steps per grey level in the renderer's integer colours.
-pub(super) const LEVEL: f32 = 128.0;
+pub(super) const STEPS_PER_GRAY_LEVEL: f32 = 128.0;
 
 /// Standard deviation of the pixel noise of both cameras, grey levels.
 pub(super) const PIXEL_NOISE_GRAY: f64 = 2.0;
@@ -162,7 +162,7 @@ pub(super) struct PixelNoise {
 impl PixelNoise {
     pub fn new(seed: Seed) -> Self {
         let mut normal = NormalStream::new(seed.stream(RandomPurpose::Pixels, 0));
-        let level = PIXEL_NOISE_GRAY * f64::from(LEVEL);
+        let level = PIXEL_NOISE_GRAY * f64::from(STEPS_PER_GRAY_LEVEL);
         PixelNoise { table: (0..TABLE_LENGTH).map(|_| (normal.next() * level).round() as i16).collect() }
     }
 
@@ -213,7 +213,7 @@ mod tests {
     fn pixel_noise_is_two_gray_levels() {
         let noise = PixelNoise::new(Seed(1));
         let samples: Vec<f64> =
-            noise.row(Seed(2), 5, 20_000).iter().map(|&n| f64::from(n) / f64::from(LEVEL)).collect();
+            noise.row(Seed(2), 5, 20_000).iter().map(|&n| f64::from(n) / f64::from(STEPS_PER_GRAY_LEVEL)).collect();
         assert!((rms(&samples) - PIXEL_NOISE_GRAY).abs() < 0.03, "{}", rms(&samples));
         assert_ne!(noise.row(Seed(2), 5, 10), noise.row(Seed(2), 6, 10));
         assert_ne!(noise.row(Seed(2), 5, 10), noise.row(Seed(3), 5, 10));

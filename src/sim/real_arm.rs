@@ -28,9 +28,9 @@ const MAX_LENGTH_ERROR_MM: f64 = 0.4;
 /// Weights of upper arm, forearm, and wrist with tool, N.
 const WEIGHTS_N: [f64; 3] = [90.0, 60.0, 45.0];
 /// Mean compliance of the drives of axes 2, 3 and 5, rad/(N mm), before scaling.
-const COMPLIANCE: f64 = 6e-9;
+const MEAN_COMPLIANCE: f64 = 6e-9;
 /// Maximum amplitude of the gears' error, rad, before all errors are scaled.
-const GEAR_ERROR_RAD: f64 = 3e-5;
+const MAX_GEAR_ERROR_RAD: f64 = 3e-5;
 /// Number of periods of the gears' error in one rotation of axes 1 to 3.
 const GEAR_PERIODS: [f64; 3] = [3.0, 4.0, 5.0];
 
@@ -43,7 +43,7 @@ pub struct ReportedFlangePose {
     pub joints: Option<Joints>,
 }
 
-/// A real arm.
+/// An arm with its manufacturing errors.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RealArm {
     zeros_rad: [f64; 6],
@@ -57,13 +57,13 @@ impl RealArm {
     /// Creates the arm of this seed. `error_mm` is the error at its tool, rms over poses in front of the panel, mm.
     pub fn new(seed: u64, error_mm: f64) -> Self {
         let mut normal = NormalStream::new(Seed(seed).stream(RandomPurpose::Arm, 0));
-        let mut even = |most: f64| (2.0 * normal.share() - 1.0) * most;
+        let mut even = |most: f64| (2.0 * normal.next_uniform() - 1.0) * most;
         let drawn = RealArm {
             zeros_rad: std::array::from_fn(|_| even(MAX_ZERO_ERROR_RAD)),
             twists_rad: std::array::from_fn(|_| std::array::from_fn(|_| even(MAX_TWIST_ERROR_RAD))),
             lengths_mm: std::array::from_fn(|_| even(MAX_LENGTH_ERROR_MM)),
-            compliance: std::array::from_fn(|_| COMPLIANCE * (0.75 + even(0.25))),
-            gears_rad: std::array::from_fn(|_| even(GEAR_ERROR_RAD)),
+            compliance: std::array::from_fn(|_| MEAN_COMPLIANCE * (0.75 + even(0.25))),
+            gears_rad: std::array::from_fn(|_| even(MAX_GEAR_ERROR_RAD)),
         };
         let found_mm = drawn.error_mm();
         drawn.with_scaled_errors(error_mm / found_mm)
@@ -104,12 +104,12 @@ impl RealArm {
             q[axis] += self.gears_rad[axis] * (periods * q[axis]).sin();
         }
         (0..6).for_each(|axis| q[axis] += self.zeros_rad[axis]);
-        let moments = moments(&q);
+        let moments = weight_moments(&q);
         for (axis, moment) in [1, 2, 4].into_iter().zip(moments) {
             q[axis] += self.compliance[[0, 0, 1, 0, 2][axis]] * moment;
         }
         let lengths_mm: [f64; 7] = std::array::from_fn(|index| NOMINAL_LENGTHS_MM[index] + self.lengths_mm[index]);
-        chain(&q, &lengths_mm, &self.twists_rad)
+        chain_pose(&q, &lengths_mm, &self.twists_rad)
     }
 
     /// Returns the true pose of the simulated tool's pad at these axis angles. The length of the tool is
@@ -164,7 +164,7 @@ impl RealArm {
         };
         let reached =
             |near: &[f64; 6]| self.solve_true_joints(base_from_flange, &Joints::from(*near)).filter(within);
-        let joints = STARTS.iter().find_map(reached)?;
+        let joints = SEARCH_STARTS_DEG.iter().find_map(reached)?;
         Some(ReportedFlangePose { base_from_flange: nominal_flange(&joints), joints: Some(joints) })
     }
 }
@@ -175,7 +175,7 @@ const WORKING_RANGE_DEG: [[f64; 2]; 6] =
 
 /// Start values of the search for the axis angles of a pose, degrees: in front of the panel, over a table, and with the
 /// flange upward.
-const STARTS: [[f64; 6]; 4] = [
+const SEARCH_STARTS_DEG: [[f64; 6]; 4] = [
     [0.0, -120.0, 145.0, 0.0, -25.0, 90.0],
     [0.0, -75.0, 95.0, 0.0, 60.0, 0.0],
     [0.0, -60.0, 120.0, 0.0, -100.0, 0.0],
@@ -191,7 +191,7 @@ const MAX_STEP_DEG: f64 = 15.0;
 
 /// Returns the flange's pose according to the nominal geometry, which is the pose that the controller reports.
 pub fn nominal_flange(joints: &Joints) -> Rigid<Base, Flange> {
-    chain(&axis_angles_rad(joints), &NOMINAL_LENGTHS_MM, &[[0.0; 2]; 5])
+    chain_pose(&axis_angles_rad(joints), &NOMINAL_LENGTHS_MM, &[[0.0; 2]; 5])
 }
 
 fn axis_angles_rad(joints: &Joints) -> [f64; 6] {
@@ -200,7 +200,7 @@ fn axis_angles_rad(joints: &Joints) -> [f64; 6] {
 }
 
 /// Computes the moments of the weights about axes 2, 3 and 5, N mm, each positive in the axis's direction of rotation.
-fn moments(q: &[f64; 6]) -> [f64; 3] {
+fn weight_moments(q: &[f64; 6]) -> [f64; 3] {
     let [_, _, _, c2, a2, c3, c4] = NOMINAL_LENGTHS_MM;
     let lean = q[1] + q[2];
     let (elbow, wrist) = (c2 * q[1].sin(), a2 * lean.cos() + c3 * lean.sin());
@@ -212,7 +212,7 @@ fn moments(q: &[f64; 6]) -> [f64; 3] {
     [about_2, about_3, hand * tool * q[3].cos()]
 }
 
-fn chain(q: &[f64; 6], lengths_mm: &[f64; 7], twists_rad: &[[f64; 2]; 5]) -> Rigid<Base, Flange> {
+fn chain_pose(q: &[f64; 6], lengths_mm: &[f64; 7], twists_rad: &[[f64; 2]; 5]) -> Rigid<Base, Flange> {
     let [a1, b, c1, c2, a2, c3, c4] = *lengths_mm;
     let about = |axis: Vector3<f64>, angle: f64| UnitQuaternion::from_scaled_axis(axis * angle);
     // The two axes of a twist are perpendicular to the joint's axis: x and z for joints that rotate about y.
@@ -258,9 +258,9 @@ mod tests {
     /// Expected values, calculated by hand: in the home position no moment acts on the upper arm. The forearm has 60 N
     /// at 182.5 mm, the wrist 45 N at 455 mm.
     #[test]
-    fn moments_of_the_weights_by_hand() {
+    fn moments_of_the_weights_agree_with_hand_calculation() {
         let [about_2, about_3, about_5] =
-            moments(&axis_angles_rad(&Joints::from([0.0, -90.0, 90.0, 0.0, 0.0, 0.0])));
+            weight_moments(&axis_angles_rad(&Joints::from([0.0, -90.0, 90.0, 0.0, 0.0, 0.0])));
         assert!((about_3 - (60.0 * 182.5 + 45.0 * 455.0)).abs() < 1e-6, "{about_3}");
         assert!((about_2 - about_3).abs() < 1e-6 && (about_5 - 45.0 * 90.0).abs() < 1e-6, "{about_2} {about_5}");
     }

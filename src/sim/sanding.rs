@@ -10,8 +10,8 @@ use rand::RngExt;
 
 /// Number of cells along each side of the lattice over the sheet. A cell is 1 mm wide; the lattice covers −256 to 256
 /// mm in both directions.
-const LATTICE_CELLS: usize = 512;
-const HALF_MM: f64 = 256.0;
+const LATTICE_CELLS_PER_SIDE: usize = 512;
+const LATTICE_HALF_MM: f64 = 256.0;
 /// Width of the transition of the appearance at the border of the sanded area, mm.
 const EDGE_TRANSITION_MM: f64 = 0.8;
 
@@ -79,17 +79,17 @@ impl Sanding {
         radius_mm: f64,
         (seed, strength): (Seed, SandingStrength),
     ) {
-        let mut depth_mm = vec![f32::NEG_INFINITY; LATTICE_CELLS * LATTICE_CELLS];
+        let mut depth_mm = vec![f32::NEG_INFINITY; LATTICE_CELLS_PER_SIDE * LATTICE_CELLS_PER_SIDE];
         for [s, t] in centres_mm {
             let reach = |mm: f64| {
-                let cell = |mm: f64| (mm + HALF_MM).clamp(0.0, (LATTICE_CELLS - 1) as f64) as usize;
+                let cell = |mm: f64| (mm + LATTICE_HALF_MM).clamp(0.0, (LATTICE_CELLS_PER_SIDE - 1) as f64) as usize;
                 cell(mm - radius_mm)..cell(mm + radius_mm) + 1
             };
             for row in reach(*t) {
                 for column in reach(*s) {
-                    let [u, v] = [column, row].map(|cell| cell as f64 + 0.5 - HALF_MM);
+                    let [u, v] = [column, row].map(|cell| cell as f64 + 0.5 - LATTICE_HALF_MM);
                     let depth = (radius_mm - (u - s).hypot(v - t)) as f32;
-                    let cell = &mut depth_mm[row * LATTICE_CELLS + column];
+                    let cell = &mut depth_mm[row * LATTICE_CELLS_PER_SIDE + column];
                     *cell = cell.max(depth);
                 }
             }
@@ -100,10 +100,10 @@ impl Sanding {
     /// Adds a pass over these quadrilaterals of the sheet, mm.
     pub(super) fn add_quads(&mut self, quads_mm: &[[[f64; 2]; 4]], (seed, strength): (Seed, SandingStrength)) {
         let depth = |index: usize| {
-            let place = [index % LATTICE_CELLS, index / LATTICE_CELLS].map(|cell| cell as f64 + 0.5 - HALF_MM);
+            let place = [index % LATTICE_CELLS_PER_SIDE, index / LATTICE_CELLS_PER_SIDE].map(|cell| cell as f64 + 0.5 - LATTICE_HALF_MM);
             quads_mm.iter().map(|quad| inside_distance(quad, place)).fold(f64::NEG_INFINITY, f64::max) as f32
         };
-        self.add((0..LATTICE_CELLS * LATTICE_CELLS).map(depth).collect(), seed, strength);
+        self.add((0..LATTICE_CELLS_PER_SIDE * LATTICE_CELLS_PER_SIDE).map(depth).collect(), seed, strength);
     }
 
     fn add(&mut self, depth_mm: Vec<f32>, seed: Seed, SandingStrength { albedo: [least, most] }: SandingStrength) {
@@ -144,12 +144,12 @@ impl SandingPass {
     /// cells.
     fn depth_at(&self, place: [f64; 2]) -> f64 {
         let [(column, across), (row, up)] = place.map(|mm| {
-            let at = (mm + HALF_MM - 0.5).clamp(0.0, (LATTICE_CELLS - 2) as f64);
+            let at = (mm + LATTICE_HALF_MM - 0.5).clamp(0.0, (LATTICE_CELLS_PER_SIDE - 2) as f64);
             (at as usize, at.fract())
         });
         let cell = |dc: usize, dr: usize| {
             // The values of cells far from the disc are infinite and are limited: any large negative number is correct.
-            f64::from(self.depth_mm[(row + dr) * LATTICE_CELLS + column + dc].max(-1_000.0))
+            f64::from(self.depth_mm[(row + dr) * LATTICE_CELLS_PER_SIDE + column + dc].max(-1_000.0))
         };
         let low = cell(0, 0) + across * (cell(1, 0) - cell(0, 0));
         let high = cell(0, 1) + across * (cell(1, 1) - cell(0, 1));
@@ -198,7 +198,7 @@ mod tests {
     /// Expected value, calculated by hand: in a square of 40 mm about (0, 0) the point (15, 5) is 5 mm from the right
     /// side, for either order of the corners.
     #[test]
-    fn depth_in_a_square_by_hand() {
+    fn depth_in_a_square_agrees_with_hand_calculation() {
         let quad = [[-20.0, -20.0], [20.0, -20.0], [20.0, 20.0], [-20.0, 20.0]];
         let other_way = [quad[3], quad[2], quad[1], quad[0]];
         for quad in [quad, other_way] {

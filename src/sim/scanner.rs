@@ -52,11 +52,11 @@ pub(super) const LATTICE_HALF_WIDTH_MM: f64 = 260.0;
 /// Width of the zone on both sides of the panel's edge in which a pixel sees both surfaces, px.
 const EDGE_ZONE_PX: f64 = 1.0;
 /// Fraction of the pixels at the panel's edge that have a flying point.
-const FLYING_SHARE: f64 = 0.10;
+const FLYING_POINT_FRACTION: f64 = 0.10;
 /// Fraction of the pixels at the panel's edge that have no point.
-const EDGE_MISSING_SHARE: f64 = 0.75;
+const MISSING_EDGE_POINT_FRACTION: f64 = 0.75;
 /// Fraction of all other pixels that have no point.
-const DROPOUT_SHARE: f64 = 0.002;
+const DROPOUT_FRACTION: f64 = 0.002;
 
 /// The parameters of the simulated noise, for reports.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
@@ -88,11 +88,11 @@ pub fn scanner_noise() -> NoiseFigures {
         range_white_mm: WHITE_NOISE_MM,
         range_correlated_mm: CORRELATED_NOISE_MM,
         range_lattice_mm: [LATTICE_SPACING_MM.start, LATTICE_SPACING_MM.end],
-        edge_flying_share: FLYING_SHARE,
-        edge_missing_share: EDGE_MISSING_SHARE,
-        drop_out_share: DROPOUT_SHARE,
+        edge_flying_share: FLYING_POINT_FRACTION,
+        edge_missing_share: MISSING_EDGE_POINT_FRACTION,
+        drop_out_share: DROPOUT_FRACTION,
         projector_baseline_mm: baseline_mm(),
-        projector_shadow_share: PROJECTOR_SHADOW_SHARE,
+        projector_shadow_share: MIN_SHADOW_DISTANCE_FRACTION,
         pixel_gray: PIXEL_NOISE_GRAY,
     }
 }
@@ -107,7 +107,7 @@ pub(super) fn capture(
     let (width, height) = (view.width(), view.height());
     let mut points = vec![[f32::NAN; 3]; width * height];
     let mut colors = vec![[0_u8; 3]; width * height];
-    let correlated = correlated_noise(shot, None);
+    let correlated = draw_correlated_noise(shot, None);
     let rows = points.par_chunks_mut(width).zip(colors.par_chunks_mut(width)).enumerate();
     rows.for_each(|(row, (points, colors))| {
         let mut normal = NormalStream::new(shot.stream(RandomPurpose::ScanRow, row as u64));
@@ -115,7 +115,7 @@ pub(super) fn capture(
         view.cast_row(row, |column, sight| {
             let (dry, _) = dry_and_wet(&sight);
             colors[column] = to_bytes(dry, noise, column);
-            if let Some(point) = measured(&sight, projector, &correlated, &mut normal) {
+            if let Some(point) = measure_point(&sight, projector, &correlated, &mut normal) {
                 points[column] = point;
             }
         });
@@ -128,7 +128,7 @@ pub(super) fn capture(
 
 /// Draws the correlated noise of a scan, in units of its rms, on a lattice of this spacing, mm. `None` selects the
 /// camera's usual spacing.
-pub(super) fn correlated_noise(shot: Seed, spacing_mm: Option<f64>) -> ValueNoise {
+pub(super) fn draw_correlated_noise(shot: Seed, spacing_mm: Option<f64>) -> ValueNoise {
     let usual_mm = || shot.stream(RandomPurpose::Scan, 0).random_range(LATTICE_SPACING_MM);
     let lattice_mm = spacing_mm.unwrap_or_else(usual_mm);
     ValueNoise::new(shot.stream(RandomPurpose::Scan, 1), lattice_mm, LATTICE_HALF_WIDTH_MM)
@@ -172,7 +172,7 @@ impl Surface {
 }
 
 /// Returns the point that a pixel measures; `None` if the point is missing.
-pub(super) fn measured(
+pub(super) fn measure_point(
     sight: &PixelHit,
     projector: &Projector<'_>,
     correlated: &ValueNoise,
@@ -180,15 +180,15 @@ pub(super) fn measured(
 ) -> Option<[f32; 3]> {
     // These random numbers are drawn for every pixel, so that the surface seen by one pixel does not change the noise
     // of the next.
-    let (white, chance, between) = (normal.next(), normal.share(), normal.share());
+    let (white, chance, between) = (normal.next(), normal.next_uniform(), normal.next_uniform());
     let near = sight.panel.filter(|panel| panel.edge_px < EDGE_ZONE_PX);
     let at_edge = near.is_some_and(|panel| panel.edge_px > -EDGE_ZONE_PX);
-    let missing = if at_edge { FLYING_SHARE..FLYING_SHARE + EDGE_MISSING_SHARE } else { 0.0..DROPOUT_SHARE };
+    let missing = if at_edge { FLYING_POINT_FRACTION..FLYING_POINT_FRACTION + MISSING_EDGE_POINT_FRACTION } else { 0.0..DROPOUT_FRACTION };
     if missing.contains(&chance) {
         return None;
     }
     let surface = match near {
-        Some(panel) if at_edge && chance < FLYING_SHARE => {
+        Some(panel) if at_edge && chance < FLYING_POINT_FRACTION => {
             let own = Surface::from_panel_hit(sight, &panel, projector, correlated)?;
             let behind = Surface::from_background(sight, projector)?;
             Surface { depth_mm: own.depth_mm + between * (behind.depth_mm - own.depth_mm), ..own }
@@ -224,7 +224,7 @@ const PROJECTOR_ROTATION_RAD: f64 = -0.113;
 
 /// Minimum distance between an object and a point behind it, as a fraction of the point's depth from the projector, at
 /// which the object casts a shadow on the point.
-const PROJECTOR_SHADOW_SHARE: f64 = 0.005;
+const MIN_SHADOW_DISTANCE_FRACTION: f64 = 0.005;
 
 /// Returns the distance from the camera's lens to the projector's lens, mm.
 fn baseline_mm() -> f64 {
@@ -271,7 +271,7 @@ impl<'a> Projector<'a> {
     pub fn is_lit(&self, point: &Vector3<f64>, on_panel: Option<&PanelHit>) -> bool {
         let point = self.projector_from_camera * Point3::from(*point);
         let Some((column, row)) = projector_pixel(&point) else { return false };
-        let nearest = (1.0 - PROJECTOR_SHADOW_SHARE) * point.z;
+        let nearest = (1.0 - MIN_SHADOW_DISTANCE_FRACTION) * point.z;
         let clear_of_panel = match (&self.panel, on_panel) {
             (Some(panel), Some(sight)) => panel.to_sheet_direction(&point.coords).dot(&sight.normal) < 0.0,
             (Some(panel), None) => {
@@ -311,7 +311,7 @@ impl OccludingScreen {
         let axes = [Vector3::x(), Vector3::y(), Vector3::z()].map(|axis| projector_from_slab * axis);
         let same_side = axes[2].dot(&(eye.coords - centre)) * axes[2].dot(&-centre) > 0.0;
         // If the camera sees the side that faces away from the projector, this whole side is in shadow.
-        let reach = if same_side { 1.0 - PROJECTOR_SHADOW_SHARE } else { 1.0 + 1e-6 };
+        let reach = if same_side { 1.0 - MIN_SHADOW_DISTANCE_FRACTION } else { 1.0 + 1e-6 };
         OccludingScreen { centre, axes, half_mm: slab.half_mm, reach }
     }
 
@@ -327,14 +327,14 @@ impl OccludingScreen {
 }
 
 const REFERENCE_DEPTH_OF_DISTORTION_MM: f64 = 700.0;
-const HALF: [f64; 2] = [0.54, 0.33];
+const HALF_PICTURE_SIZE: [f64; 2] = [0.54, 0.33];
 
 /// The constant depth error of one poorly calibrated camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ScannerDistortion {
-    /// A, mm.
+    /// The amplitude A of the depth error, mm.
     pub depth_mm: f64,
-    /// φ, rad.
+    /// The phase φ of the wave, rad.
     pub phase: f64,
 }
 
@@ -346,7 +346,7 @@ impl ScannerDistortion {
 
     /// Computes the depth error c for a direction (X/Z, Y/Z), mm.
     pub fn distortion_at_mm(&self, [x, y]: [f64; 2]) -> f64 {
-        let (x, y) = (x / HALF[0], y / HALF[1]);
+        let (x, y) = (x / HALF_PICTURE_SIZE[0], y / HALF_PICTURE_SIZE[1]);
         self.depth_mm * (x * x - 0.6 * y * y + 0.5 * (2.2 * x + 1.3 * y + self.phase).sin())
     }
 
@@ -371,7 +371,7 @@ pub(super) mod tests {
     /// v is 728.5. The point (−370, 0, 700) has x = −400.3 and z = 740.2 in the projector's frame: u = 7.2. At x = −380
     /// mm, u is −7.5.
     #[test]
-    fn the_frustum_by_hand() {
+    fn the_projector_frustum_agrees_with_hand_calculation() {
         let lit = |x: f64, y: f64| Projector::without_occluders().is_lit(&Vector3::new(x, y, 700.0), None);
         assert!(lit(0.0, 210.0) && lit(0.0, -210.0) && lit(-370.0, 0.0));
         assert!(!lit(0.0, 220.0) && !lit(0.0, -220.0) && !lit(-380.0, 0.0));
@@ -380,7 +380,7 @@ pub(super) mod tests {
 
     /// Returns a camera pose at (−35, 0, 360), 700 mm from the plate and perpendicular to it; the camera's x axis is
     /// the base's −Y axis.
-    pub fn before_the_plate() -> Rigid<Base, Camera> {
+    pub fn camera_pose_before_plate() -> Rigid<Base, Camera> {
         let axes = [-Vector3::y(), -Vector3::z(), Vector3::x()].map(panelprep_base::geometry::Vector::new);
         Rigid::from_axes(axes, Point::at(-35.0, 0.0, 360.0))
     }
@@ -389,15 +389,15 @@ pub(super) mod tests {
     /// projector past the object's left edge meets the plate at x = 111.2 − 151.2 · 690.3 / 590.3 = −65.61 mm, the line
     /// from the camera at −46.67. On the right the projector's line meets the plate at 27.94, behind the object.
     #[test]
-    fn a_shadow_by_hand() {
+    fn a_shadow_agrees_with_hand_calculation() {
         let thing = Slab::facing(Point3::new(565.0, 0.0, 360.0), -Vector3::x(), 0.0, [40.0, 40.0], [100.0; 3]);
-        let projector = Projector::new(&before_the_plate(), None, &[thing]);
+        let projector = Projector::new(&camera_pose_before_plate(), None, &[thing]);
         let lit = |x: f64| projector.is_lit(&Vector3::new(x, 0.0, 700.0), None);
         assert!(lit(-65.7) && !lit(-65.5) && !lit(-46.0) && !lit(27.8) && lit(28.1));
         assert!(projector.is_lit(&Vector3::new(-39.0, 0.0, 600.0), None), "not in its own shadow");
         // 3 mm of 700 mm are less than the 0.5 % at which an object casts a shadow.
         let thin = Slab::facing(Point3::new(662.0, 0.0, 360.0), -Vector3::x(), 0.0, [40.0, 40.0], [100.0; 3]);
-        assert!(Projector::new(&before_the_plate(), None, &[thin]).is_lit(&Vector3::new(0.0, 0.0, 700.0), None));
+        assert!(Projector::new(&camera_pose_before_plate(), None, &[thin]).is_lit(&Vector3::new(0.0, 0.0, 700.0), None));
     }
 
     /// The object is between lens and projector with its edge towards the camera: the lens sees the object's unlit
@@ -406,7 +406,7 @@ pub(super) mod tests {
     fn the_unlit_side_of_an_object_has_no_points() {
         let seen_from = |y_mm: f64| {
             let thing = Slab::facing(Point3::new(465.0, y_mm, 360.0), Vector3::y(), 0.0, [40.0, 40.0], [100.0; 3]);
-            Projector::new(&before_the_plate(), None, &[thing]).is_lit(&Vector3::new(-y_mm, 0.0, 505.0), None)
+            Projector::new(&camera_pose_before_plate(), None, &[thing]).is_lit(&Vector3::new(-y_mm, 0.0, 505.0), None)
         };
         assert!(!seen_from(-50.0), "at x = 50 mm lens and projector, at 111 mm, are on both sides");
         assert!(seen_from(50.0) && seen_from(-150.0));

@@ -21,14 +21,14 @@ pub enum Scene {
     Good,
     /// The taught panel at its displaced pose, without grease.
     Clean,
-    /// The fixture alone.
+    /// The fixture without a panel.
     NoPanel,
     /// A panel that differs from the taught panel.
     WrongPanel,
 }
 
 impl Scene {
-    /// Every scene.
+    /// All scenes, in the order of the enumeration.
     pub const ALL: &'static [Scene] = <Self as VariantArray>::VARIANTS;
 
     /// Returns the scene's keyword. Users' scripts depend on it.
@@ -138,9 +138,9 @@ const NORMAL_SHIFT_FACTOR: f64 = 0.6;
 /// `place` gives another pose.
 pub(super) fn displaced_pose(seed: Seed, place: u32) -> Rigid<Base, Panel> {
     let mut normal = NormalStream::new(seed.stream(RandomPurpose::Placement, u64::from(place)));
-    let mut shift = direction(&mut normal) * (MAX_SHIFT_MM * (0.3 + 0.7 * normal.share()));
+    let mut shift = direction(&mut normal) * (MAX_SHIFT_MM * (0.3 + 0.7 * normal.next_uniform()));
     shift.x *= NORMAL_SHIFT_FACTOR;
-    let turn = direction(&mut normal) * (Degrees(MAX_ROTATION_DEG).to_rad() * (0.3 + 0.7 * normal.share()));
+    let turn = direction(&mut normal) * (Degrees(MAX_ROTATION_DEG).to_rad() * (0.3 + 0.7 * normal.next_uniform()));
     let centre = Vector3::from(CENTRE_MM);
     let turned = UnitQuaternion::from_scaled_axis(turn);
     Rigid::from_isometry_unchecked(Isometry3::from_parts(
@@ -189,8 +189,8 @@ pub(super) fn perturbed_flange_pose(
     base_from_flange: &Rigid<Base, Flange>,
 ) -> Rigid<Base, Flange> {
     let mut normal = NormalStream::new(seed.stream(RandomPurpose::FlangePose, index));
-    let shift = direction(&mut normal) * (5.0 * (0.2 + 0.8 * normal.share()));
-    let turn = direction(&mut normal) * (Degrees(1.0).to_rad() * (0.2 + 0.8 * normal.share()));
+    let shift = direction(&mut normal) * (5.0 * (0.2 + 0.8 * normal.next_uniform()));
+    let turn = direction(&mut normal) * (Degrees(1.0).to_rad() * (0.2 + 0.8 * normal.next_uniform()));
     *base_from_flange * Rigid::<Flange, Flange>::from_isometry_unchecked(Isometry3::new(shift, turn))
 }
 
@@ -276,7 +276,7 @@ pub(super) struct Slab {
     pub base_from_slab: Isometry3<f64>,
     /// Half of the slab's width and height, mm.
     pub half_mm: [f64; 2],
-    /// Grey levels.
+    /// Colour of the slab, grey levels per channel.
     pub color: [f64; 3],
 }
 

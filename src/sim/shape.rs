@@ -43,7 +43,7 @@ pub(super) struct Relief {
 }
 
 impl Relief {
-    /// No relief.
+    /// A plane surface with the height zero.
     pub const FLAT: Relief = Relief {
         lift_mm: 0.0,
         bend_ss: 0.0,
@@ -282,7 +282,7 @@ pub(super) struct Outline {
     rounding_mm: f64,
     edges: Vec<Edge>,
     core: Vec<Vector2<f64>>,
-    /// Windows and notches.
+    /// Outlines of windows and notches.
     cuts: Vec<Outline>,
 }
 
@@ -551,7 +551,7 @@ mod tests {
     /// Expected values, calculated by hand for a square of 20 mm with the rounding radius 4 mm: the centre is 10 mm
     /// inside; (12, 0) is 2 mm outside. The corner (10, 10) is √2·4 − 4 = 1.657 mm outside of the arc about (6, 6).
     #[test]
-    fn distances_by_hand() {
+    fn distances_to_an_outline_agree_with_hand_calculation() {
         let at = |s, t| square().distance(Vector2::new(s, t)).0;
         assert!((at(0.0, 0.0) + 10.0).abs() < 1e-12);
         assert!((at(12.0, 0.0) - 2.0).abs() < 1e-12);

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 pub struct CellTruth {
     /// The seed of the cell.
     pub seed: u64,
-    /// Its scene.
+    /// The scene of the cell.
     pub scene: Scene,
     /// The displaced panel's pose; if the scene has no panel, the pose that a panel would have.
     pub base_from_panel: Rigid<Base, Panel>,
@@ -124,9 +124,9 @@ impl CellTruth {
 /// The error of a found pose: distances over the panel's surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlacementError {
-    /// Mean, mm.
+    /// Mean distance, mm.
     pub mean_mm: f64,
-    /// Largest, mm.
+    /// Largest distance, mm.
     pub max_mm: f64,
 }
 
@@ -148,7 +148,7 @@ pub struct TruthNumbers {
     pub corners: Vec<CornerNumbers>,
     /// The panel's outline on its surface.
     pub outline_mm: Vec<[f64; 3]>,
-    /// Greasy spots.
+    /// The greasy spots of the displaced panel.
     pub spots: Vec<SpotNumbers>,
 }
 
@@ -164,7 +164,7 @@ pub struct CornerNumbers {
 /// A greasy spot in the form in which it is written to a file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SpotNumbers {
-    /// Centre, mm.
+    /// The spot's centre on the surface, mm.
     pub centre_mm: [f64; 3],
     /// Corners of the spot's outline, mm.
     pub outline_mm: Vec<[f64; 3]>,

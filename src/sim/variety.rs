@@ -32,12 +32,12 @@ impl Panel {
         let width = random.random_range(WIDTH_RANGE_MM[0]..WIDTH_RANGE_MM[1]).min(0.95 * length);
         let mut panel = Panel {
             relief: draw_relief(random, [length, width]),
-            corners: corners(random, [length, width]),
+            corners: draw_corners(random, [length, width]),
             cuts: Vec::new(),
             size_mm: [length, width],
         };
         if random.random::<f64>() < 0.35 {
-            panel.cuts.push(window(random, panel.size_mm));
+            panel.cuts.push(draw_window(random, panel.size_mm));
         }
         if random.random::<f64>() < 0.25 {
             panel.cuts.push(draw_notch(random, panel.size_mm));
@@ -117,7 +117,7 @@ impl Panel {
     }
 }
 
-fn corners(random: &mut Pcg64, [length, width]: [f64; 2]) -> Vec<Vector2<f64>> {
+fn draw_corners(random: &mut Pcg64, [length, width]: [f64; 2]) -> Vec<Vector2<f64>> {
     // The corner that is cut off more than the others.
     let marked = random.random_range(0..4);
     let mut corners = Vec::new();
@@ -149,7 +149,7 @@ fn order_corners(mut corners: Vec<Vector2<f64>>) -> Vec<Vector2<f64>> {
 }
 
 /// Draws an eight-sided window away from the panel's middle.
-fn window(random: &mut Pcg64, [length, width]: [f64; 2]) -> Vec<Vector2<f64>> {
+fn draw_window(random: &mut Pcg64, [length, width]: [f64; 2]) -> Vec<Vector2<f64>> {
     let radius = random.random_range(7.0..0.09 * width);
     let side = if random.random::<bool>() { 1.0 } else { -1.0 };
     let middle = Vector2::new(side * 0.36 * length, random.random_range(-0.2..0.2) * width);
@@ -195,7 +195,7 @@ fn draw_relief(random: &mut Pcg64, [length, width]: [f64; 2]) -> Relief {
 }
 
 /// Creates the random number generator for a trial's panel.
-pub(super) fn generator(seed: Seed, index: u64) -> Pcg64 {
+pub(super) fn trial_generator(seed: Seed, index: u64) -> Pcg64 {
     seed.stream(super::noise::RandomPurpose::Trial, index)
 }
 
@@ -207,7 +207,7 @@ mod tests {
     #[test]
     fn outlines_are_convex_and_have_their_size() {
         for seed in 0..200 {
-            let panel = Panel::random(&mut generator(Seed(seed), 0));
+            let panel = Panel::random(&mut trial_generator(Seed(seed), 0));
             let (corners, count) = (&panel.corners, panel.corners.len());
             for i in 0..count {
                 let [a, b, c] = [corners[i], corners[(i + 1) % count], corners[(i + 2) % count]];
@@ -224,7 +224,7 @@ mod tests {
     /// back has the negative of that height.
     #[test]
     fn mirror_image_and_back_have_the_correct_heights() {
-        let panel = Panel::random(&mut generator(Seed(3), 0));
+        let panel = Panel::random(&mut trial_generator(Seed(3), 0));
         let height = |panel: &Panel, s: f64| panel.shape().height(s, 10.0)[0];
         assert!((height(&panel.mirror_image(), 30.0) - height(&panel, -30.0)).abs() < 1e-12);
         assert!((height(&panel.turned_over(), 30.0) + height(&panel, -30.0)).abs() < 1e-12);

@@ -42,13 +42,13 @@ pub const SPRAY_FROM_S: f64 = 1.0;
 /// Time that the water's front needs from the panel's top to its bottom, s.
 const FRONT_TIME_S: f64 = 2.3;
 /// Random delay of the front at a point, rms at the nodes of the value noise, s.
-const FRONT_UNEVEN_S: f64 = 0.12;
+const FRONT_DELAY_NOISE_S: f64 = 0.12;
 /// Time in which a point becomes wet after the front has reached it, s.
-const WETTING_S: f64 = 0.2;
+const WETTING_TIME_S: f64 = 0.2;
 /// Time in which the film opens at a point, s.
-const OPENING_S: f64 = 0.15;
+const OPENING_TIME_S: f64 = 0.15;
 /// Time in which the film closes again at a point, s.
-const CLOSING_S: f64 = 0.4;
+const CLOSING_TIME_S: f64 = 0.4;
 /// Maximum number of droplets on a spot: more droplets on a large spot would only need computing time.
 const MAX_DROPLETS: usize = 60;
 
@@ -91,15 +91,15 @@ impl WetPixel {
     }
 
     /// Returns the fraction of this pixel that water has reached at this time, 0…1.
-    pub fn wetted_share(&self, time_s: f32) -> f32 {
-        ((time_s - self.wet_from_s) / WETTING_S as f32).clamp(0.0, 1.0)
+    pub fn wetted_fraction(&self, time_s: f32) -> f32 {
+        ((time_s - self.wet_from_s) / WETTING_TIME_S as f32).clamp(0.0, 1.0)
     }
 
     /// Returns the fraction of this pixel that the film covers at this time, 0…1.
     pub fn film(&self, time_s: f32) -> f32 {
-        let reached = self.wetted_share(time_s);
-        let open = ((time_s - self.breaks_at_s) / OPENING_S as f32 + 0.5).clamp(0.0, 1.0);
-        let closed = ((time_s - self.closes_at_s) / CLOSING_S as f32).clamp(0.0, 1.0);
+        let reached = self.wetted_fraction(time_s);
+        let open = ((time_s - self.breaks_at_s) / OPENING_TIME_S as f32 + 0.5).clamp(0.0, 1.0);
+        let closed = ((time_s - self.closes_at_s) / CLOSING_TIME_S as f32).clamp(0.0, 1.0);
         reached * (1.0 - self.greasy * (1.0 - self.bead) * open * (1.0 - closed))
     }
 }
@@ -184,8 +184,8 @@ impl<'a> Water<'a> {
         const TOP_MM: f64 = 130.0;
         const HEIGHT_MM: f64 = 260.0;
         let down = ((TOP_MM - place[1]) / HEIGHT_MM).clamp(0.0, 1.0);
-        let uneven = (FRONT_UNEVEN_S * self.front.value_at(place)).clamp(-0.3, 0.3);
-        SPRAY_FROM_S + 0.35 + FRONT_TIME_S * down + uneven - WETTING_S / 2.0
+        let uneven = (FRONT_DELAY_NOISE_S * self.front.value_at(place)).clamp(-0.3, 0.3);
+        SPRAY_FROM_S + 0.35 + FRONT_TIME_S * down + uneven - WETTING_TIME_S / 2.0
     }
 }
 
@@ -214,11 +214,11 @@ const STREAK_INITIAL_THICKNESS: f32 = 0.14;
 /// Additional relative thickness of the film in a streak at the end.
 const STREAK_FINAL_THICKNESS: f32 = 0.05;
 /// Time constant with which the thickness of the streaks decreases, s.
-const STREAK_FADES_S: f32 = 12.0;
+const STREAK_DECAY_TIME_S: f32 = 12.0;
 /// Speeds of the two copies of the pattern, mm/s.
-const STREAK_SPEEDS: [f64; 2] = [17.0, 41.0];
+const STREAK_SPEEDS_MM_S: [f64; 2] = [17.0, 41.0];
 
-/// The pattern.
+/// The run-off pattern: the relative thickness of each cell, row by row.
 #[derive(Debug, Clone)]
 pub(super) struct RunoffPattern {
     pattern: Vec<f32>,
@@ -264,8 +264,8 @@ impl RunoffPattern {
     pub fn thickness_at(&self, time_s: f64) -> ShiftedPattern<'_> {
         let since_wet_s = (time_s - WET_FROM_S).max(0.0) as f32;
         let amplitude = STREAK_FINAL_THICKNESS
-            + (STREAK_INITIAL_THICKNESS - STREAK_FINAL_THICKNESS) * (-since_wet_s / STREAK_FADES_S).exp();
-        let shifts = STREAK_SPEEDS.map(|speed| (speed * time_s.max(0.0)) as usize % STREAK_ROWS);
+            + (STREAK_INITIAL_THICKNESS - STREAK_FINAL_THICKNESS) * (-since_wet_s / STREAK_DECAY_TIME_S).exp();
+        let shifts = STREAK_SPEEDS_MM_S.map(|speed| (speed * time_s.max(0.0)) as usize % STREAK_ROWS);
         ShiftedPattern { pattern: &self.pattern, shifts, amplitude }
     }
 }

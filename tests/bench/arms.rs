@@ -34,11 +34,11 @@ const REPEATABILITY_DEG: f64 = 0.001;
 const CORNER_PX: f64 = 0.05;
 const TOUCH_MM: f64 = 0.1;
 /// Maximum contact error, mm.
-const CONTACT_MM: f64 = 0.3;
+const MAX_CONTACT_ERROR_MM: f64 = 0.3;
 /// Minimum fraction of the seeds that must meet this limit.
-const SEEDS_SHARE: f64 = 0.95;
+const MIN_GOOD_SEED_FRACTION: f64 = 0.95;
 /// Range of the fraction of positions whose error must be within the stated error.
-const HELD: (f64, f64) = (0.90, 0.99);
+const STATED_FRACTION_RANGE: (f64, f64) = (0.90, 0.99);
 
 fn normal(random: &mut Pcg64) -> f64 {
     let (u, v): (f64, f64) = (random.random(), random.random());
@@ -70,7 +70,7 @@ fn mount() -> Isometry3<f64> {
 
 /// Returns the corners in the pictures of both cameras; `None` if a board is not completely in a picture, or is tilted
 /// too much against the view.
-fn seen(
+fn board_corners_in_picture(
     camera: &PinholeCamera,
     board: &Board,
     camera_from_board: &Isometry3<f64>,
@@ -89,13 +89,13 @@ fn seen(
 }
 
 /// Returns the flange's pose after the true arm has moved to these axis angles, including its repeatability error.
-fn stood(arm: &TrueArm, joints: &Joints, random: &mut Pcg64) -> Isometry3<f64> {
+fn moved_flange_pose(arm: &TrueArm, joints: &Joints, random: &mut Pcg64) -> Isometry3<f64> {
     arm.base_from_flange(&Joints::from(joints.degrees().map(|deg| deg + REPEATABILITY_DEG * normal(random))))
 }
 
 /// Returns axis angles near a start at which the tip of a chain is at a given position, by Newton's method over the
 /// first three axes.
-fn reached(
+fn solve_joints_at(
     chain: &dyn Fn(&Joints) -> Isometry3<f64>,
     tip: Vector3<f64>,
     place: Vector3<f64>,
@@ -160,8 +160,8 @@ fn trial(seed: u64) -> Trial {
         if !(200.0..1300.0).contains(&depth) || (about.rotation * Vector3::z()).z < 0.6 {
             continue;
         }
-        let truth = look(&stood(&arm, &joints, &mut random));
-        let Some(corners) = seen(&cameras[rig], &board, &truth, &mut random) else { continue };
+        let truth = look(&moved_flange_pose(&arm, &joints, &mut random));
+        let Some(corners) = board_corners_in_picture(&cameras[rig], &board, &truth, &mut random) else { continue };
         let name = format!("{}.png", views.len());
         let view = ArmView::from_corners(name, rig, pose_of(&geometry, joints), &cameras[rig], &corners);
         views.extend(view.ok());
@@ -174,7 +174,7 @@ fn trial(seed: u64) -> Trial {
         let off = Vector3::new(normal(&mut random), normal(&mut random), normal(&mut random)) * TOUCH_MM;
         let start = random_joints(&mut random);
         let chain = |joints: &Joints| arm.base_from_flange(joints);
-        if let Some(joints) = reached(&chain, tip, spots[spot] + off, start) {
+        if let Some(joints) = solve_joints_at(&chain, tip, spots[spot] + off, start) {
             touches.push(ArmTouch { target: TouchTarget::Spot(spot), pose: pose_of(&geometry, joints) });
         }
     }
@@ -189,7 +189,7 @@ fn trial(seed: u64) -> Trial {
 /// Measures the contact error at the points of a panel. For each point, the tip is sent to the position that the fixed
 /// camera measured. Returns the distance between tip and point, and the stated error. Without the correction, the
 /// nominal geometry is used, with the mount and the tip that were calibrated with it.
-fn contacts(trial: &Trial, found: &RobotFound, is_corrected: bool) -> Vec<(f64, f64)> {
+fn contact_errors(trial: &Trial, found: &RobotFound, is_corrected: bool) -> Vec<(f64, f64)> {
     let geometry = &trial.data.geometry;
     let (rigs, tip) = match is_corrected {
         true => (found.rigs.as_slice(), found.tip_mm.expect("touched")),
@@ -210,7 +210,7 @@ fn contacts(trial: &Trial, found: &RobotFound, is_corrected: bool) -> Vec<(f64, 
             }
         };
         let start = Joints::from([0.0, -70.0, 95.0, 0.0, 60.0, 30.0]);
-        let joints = reached(&chain, tip, believed, start).expect("in reach");
+        let joints = solve_joints_at(&chain, tip, believed, start).expect("in reach");
         let lands = (trial.arm.base_from_flange(&joints) * Point3::from(trial.tip)).coords;
         let stated = found.tip_uncertainty_mm(&pose_of(geometry, joints)).expect("axes");
         all.push(((lands - place).norm(), stated));
@@ -220,7 +220,7 @@ fn contacts(trial: &Trial, found: &RobotFound, is_corrected: bool) -> Vec<(f64, 
 
 /// Returns the largest distance between the flange's true position and its position according to the nominal geometry,
 /// over the measured poses, mm.
-fn off_mm(trial: &Trial) -> f64 {
+fn max_flange_error_mm(trial: &Trial) -> f64 {
     let off = |view: &ArmView| {
         let joints = view.pose.joints.unwrap_or_default();
         let truth = trial.arm.base_from_flange(&joints).translation.vector;
@@ -247,12 +247,12 @@ fn main() -> ExitCode {
         println!("the kinematic chain of this bench does not agree with the arm's nominal geometry");
         return ExitCode::FAILURE;
     }
-    let missed = contact(seeds) + faults(seeds.min(5));
+    let missed = test_contact_errors(seeds) + test_axis_faults(seeds.min(5));
     println!("{missed} floors were missed");
     if missed == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }
 
-fn contact(seeds: u64) -> usize {
+fn test_contact_errors(seeds: u64) -> usize {
     let one = |seed: u64| -> (String, Vec<(f64, f64)>) {
         let trial = trial(seed);
         let views = trial.data.views.len();
@@ -261,14 +261,14 @@ fn contact(seeds: u64) -> usize {
             Err(error) => return (format!("  seed {seed}: {views} pictures: {error}"), vec![]),
         };
         let worst = |all: &[(f64, f64)]| all.iter().map(|(mm, _)| *mm).fold(0.0, f64::max);
-        let (before, after) = (contacts(&trial, &found, false), contacts(&trial, &found, true));
+        let (before, after) = (contact_errors(&trial, &found, false), contact_errors(&trial, &found, true));
         let stated = after.iter().map(|(_, stated)| *stated).fold(0.0, f64::max);
         let held = after.iter().filter(|(mm, stated)| mm <= stated).count();
         let kind = matches!(found.correction, Correction::Geometry { .. });
         let words = format!(
             "  seed {seed}: {views} pictures, flange off by up to {:.3} mm, left out {:.3} → {:.3} mm, contact at worst {:.3} → {:.3} mm, \
              stated {stated:.3} mm, within it {held} of {}{}",
-            off_mm(&trial),
+            max_flange_error_mm(&trial),
             found.uncorrected_left_out_mm,
             found.corrected_left_out_mm,
             worst(&before),
@@ -282,24 +282,24 @@ fn contact(seeds: u64) -> usize {
     let (mut good, mut held, mut places) = (0, 0, 0);
     for (words, contacts) in all {
         println!("{words}");
-        good += usize::from(!contacts.is_empty() && contacts.iter().all(|(mm, _)| *mm <= CONTACT_MM));
+        good += usize::from(!contacts.is_empty() && contacts.iter().all(|(mm, _)| *mm <= MAX_CONTACT_ERROR_MM));
         places += contacts.len();
         held += contacts.iter().filter(|(mm, stated)| mm <= stated).count();
     }
     let (share, held) = (good as f64 / seeds as f64, held as f64 / places.max(1) as f64);
-    let goal = format!("{CONTACT_MM} mm in {} %", 100.0 * SEEDS_SHARE);
+    let goal = format!("{MAX_CONTACT_ERROR_MM} mm in {} %", 100.0 * MIN_GOOD_SEED_FRACTION);
     let found = format!("{good} of {seeds} arms");
-    Figure("calib: simulated arms: contact after calibration").report(&goal, &found, share >= SEEDS_SHARE);
+    Figure("calib: simulated arms: contact after calibration").report(&goal, &found, share >= MIN_GOOD_SEED_FRACTION);
     let found = format!("{:.1} % of {places}", 100.0 * held);
-    let is_held = (HELD.0..=HELD.1).contains(&held);
+    let is_held = (STATED_FRACTION_RANGE.0..=STATED_FRACTION_RANGE.1).contains(&held);
     Figure("calib: places within the stated error").report("90–99 %", &found, is_held);
-    let is_good = share >= SEEDS_SHARE && (HELD.0..=HELD.1).contains(&held);
+    let is_good = share >= MIN_GOOD_SEED_FRACTION && (STATED_FRACTION_RANGE.0..=STATED_FRACTION_RANGE.1).contains(&held);
     println!(
-        "{} arms of {seeds} seeds: contact within {CONTACT_MM} mm over the whole panel in {:.0} % ({:.0}), {:.1} % of the places within \
+        "{} arms of {seeds} seeds: contact within {MAX_CONTACT_ERROR_MM} mm over the whole panel in {:.0} % ({:.0}), {:.1} % of the places within \
          the stated 95 % (90 to 99)",
         if is_good { "ok    " } else { "MISSED" },
         100.0 * share,
-        100.0 * SEEDS_SHARE,
+        100.0 * MIN_GOOD_SEED_FRACTION,
         100.0 * held
     );
     usize::from(!is_good)
@@ -307,7 +307,7 @@ fn contact(seeds: u64) -> usize {
 
 /// Tests every wrong sign of an axis and every exchange of two axes, with and without the poses that the controller
 /// reports in addition to the axis angles.
-fn faults(seeds: u64) -> usize {
+fn test_axis_faults(seeds: u64) -> usize {
     let one = |seed: u64| -> Vec<String> {
         let trial = trial(seed);
         let mut wrong = Vec::new();

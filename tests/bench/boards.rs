@@ -22,11 +22,11 @@ use std::time::Instant;
 const WIDTH_PX: usize = 1944;
 const SEEDS: u64 = 3;
 /// Minimum fraction of boards that must be found.
-const MIN_FOUND_SHARE: f64 = 0.98;
+const MIN_FOUND_FRACTION: f64 = 0.98;
 /// Maximum time for a full-size picture, s.
-const MAX_S: f64 = 1.0;
+const MAX_TIME_S: f64 = 1.0;
 /// Maximum median time for a full-size picture, s.
-const TYPICAL_S: f64 = 0.2;
+const MAX_MEDIAN_TIME_S: f64 = 0.2;
 
 type Corners = Option<detect::Corners>;
 
@@ -216,13 +216,13 @@ fn sweep((kind, figure): (&str, Figure), board: &Board, peers: &[Peer], chosen: 
     }
     let share = all[0].found as f64 / all[0].of as f64;
     let found = format!("{} of {}", all[0].found, all[0].of);
-    figure.report(&format!("{} %", 100.0 * MIN_FOUND_SHARE), &found, share >= MIN_FOUND_SHARE);
+    figure.report(&format!("{} %", 100.0 * MIN_FOUND_FRACTION), &found, share >= MIN_FOUND_FRACTION);
     let worst_s = all[0].worst_s().max(nothing[0].worst_s());
-    let good = share >= MIN_FOUND_SHARE
+    let good = share >= MIN_FOUND_FRACTION
         && all[0].wrong + nothing[0].wrong == 0
-        && worst_s <= MAX_S
-        && all[0].median_s() <= TYPICAL_S
-        && nothing[0].median_s() <= TYPICAL_S.max(all[0].worst_s());
+        && worst_s <= MAX_TIME_S
+        && all[0].median_s() <= MAX_MEDIAN_TIME_S
+        && nothing[0].median_s() <= MAX_MEDIAN_TIME_S.max(all[0].worst_s());
     for (index, (peer, tally)) in peers.iter().zip(&all).enumerate() {
         let state = if index > 0 {
             "      "

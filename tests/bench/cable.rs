@@ -60,7 +60,7 @@ use arguments::{argument, number};
 use cell::{OTHER_PORTS, Pace, Prepared, Running};
 use course::Course;
 use goal::Figure;
-use liar::Liar;
+use liar::FaultInjector;
 use lie::{Moment, Scenario};
 use person::Person;
 use proxy::Proxy;
@@ -134,7 +134,7 @@ fn run_scenario(prepared: &Prepared, place: u8, scenario: &Scenario) -> Outcome 
     let [sought, controller] = [1, 2].map(|last| IpAddr::V4(Ipv4Addr::new(127, net, place, last)));
     let cell = prepared.copied(sought, controller);
     let truth = Arc::new(Truth::new());
-    let liar = Arc::new(Liar::new(scenario.draw.clone()));
+    let liar = Arc::new(FaultInjector::new(scenario.draw.clone()));
     let proxy = Proxy::start(sought, controller, OTHER_PORTS, &liar, &truth);
     let mut course =
         Course { person: Person::new(&cell, &truth), truth: &truth, liar: &liar, proxy: &proxy, scenario };
@@ -149,10 +149,10 @@ fn run_scenario(prepared: &Prepared, place: u8, scenario: &Scenario) -> Outcome 
     if gap > watchdog::WATCHDOG_TIMEOUT {
         violations.push(format!("no watchdog signal was sent for {:.1} s", gap.as_secs_f64()));
     }
-    violations.extend(in_the_store(&cell, &course));
+    violations.extend(check_store(&cell, &course));
     let (mut events, mut stops_ms) = (truth.events(), judges::logged_stops(&cell.controller_log()));
     if let Some(folder) = argument("keep") {
-        keep(&folder, scenario, &events, &course, &cell);
+        write_messages(&folder, scenario, &events, &course, &cell);
     }
     if let Some(tried) = argument("tried").map(|word| ReportChange::named(&word)) {
         events = tried.changed(events);
@@ -171,7 +171,7 @@ fn run_scenario(prepared: &Prepared, place: u8, scenario: &Scenario) -> Outcome 
 }
 
 /// Checks the records, the pages, the chain of the store, and the service's log.
-fn in_the_store(cell: &Prepared, course: &Course<'_>) -> Vec<String> {
+fn check_store(cell: &Prepared, course: &Course<'_>) -> Vec<String> {
     // The page of a cycle is created after the end of the cycle.
     let patience = Instant::now();
     let missing = || {
@@ -199,7 +199,7 @@ fn in_the_store(cell: &Prepared, course: &Course<'_>) -> Vec<String> {
 }
 
 /// Writes all messages, the person's requests, and the logs of service and controller.
-fn keep(folder: &str, scenario: &Scenario, events: &[truth::Event], course: &Course<'_>, cell: &Prepared) {
+fn write_messages(folder: &str, scenario: &Scenario, events: &[truth::Event], course: &Course<'_>, cell: &Prepared) {
     let mut text = format!("{scenario}\n{:?}\n", scenario.lie);
     for order in &course.person.orders {
         let _ = writeln!(text, "{:10.1} person {} {}", order.at_ms, order.word, order.done);

@@ -20,16 +20,16 @@ use std::time::Instant;
 /// Number of seeds for lenses from rendered pictures, with 25 full-size pictures each.
 const RENDERED_LENSES: u64 = 8;
 /// Maximum error of a mount that is calibrated from rendered pictures with the true lens, mm.
-const TRUTH_MM: f64 = 0.06;
+const MAX_ERROR_WITH_TRUE_LENS_MM: f64 = 0.06;
 /// Maximum error of such a mount, degrees.
-const TRUTH_DEG: f64 = 0.015;
+const MAX_ERROR_WITH_TRUE_LENS_DEG: f64 = 0.015;
 /// Maximum error of a mount that is calibrated from rendered pictures with the calibrated lens, mm.
-const OWN_MM: f64 = 0.10;
+const MAX_ERROR_WITH_OWN_LENS_MM: f64 = 0.10;
 /// Maximum error of a mount that is calibrated with a robot with errors of 0.5 mm, mm.
-const BAD_ROBOT_MM: f64 = 0.6;
+const MAX_ERROR_WITH_BAD_ROBOT_MM: f64 = 0.6;
 /// Range of the fraction of cases in which the stated 95 % region must contain the true value. Below the range the
 /// stated region is too small, above it too large.
-const HELD: std::ops::RangeInclusive<f64> = 0.90..=0.99;
+const STATED_FRACTION_RANGE: std::ops::RangeInclusive<f64> = 0.90..=0.99;
 /// Number of seeds for which the limits in mm apply.
 const LIMIT_SEEDS: usize = 20;
 
@@ -42,7 +42,7 @@ fn main() -> ExitCode {
     let few = numbers.next().unwrap_or(seeds.div_ceil(10));
     let mut missed = three_points(seeds);
     let mut regions = Vec::new();
-    for (name, robot, limit_mm) in [("robot 0.02 mm", GOOD_ROBOT, 0.06), ("robot 0.5 mm", BAD_ROBOT, BAD_ROBOT_MM)]
+    for (name, robot, limit_mm) in [("robot 0.02 mm", GOOD_ROBOT, 0.06), ("robot 0.5 mm", BAD_ROBOT, MAX_ERROR_WITH_BAD_ROBOT_MM)]
     {
         regions.push(region::<ScannerMount>(seeds, name, robot, (Lens::truth::<ScannerMount>, limit_mm)));
         regions.push(region::<FlangeCameraMount>(seeds, name, robot, (Lens::truth::<FlangeCameraMount>, limit_mm)));
@@ -55,7 +55,7 @@ fn main() -> ExitCode {
     regions.push(region::<FlangeCameraMount>(seeds, own, GOOD_ROBOT, by_own));
     missed += regions.iter().map(|region| region.missed).sum::<usize>();
     regions_reported(&regions, by_bad_robot_mm);
-    let (fixed, moving) = (faults::<ScannerMount>(seeds), faults::<FlangeCameraMount>(seeds));
+    let (fixed, moving) = (test_input_faults::<ScannerMount>(seeds), test_input_faults::<FlangeCameraMount>(seeds));
     let found = format!("all but {} of 6 kinds, {seeds} seeds each", fixed + moving);
     let what = Figure("calib: flipped board, swapped pictures, mistyped number: named");
     missed += usize::from(!what.report("all", &found, fixed + moving == 0 && seeds > 0));
@@ -81,7 +81,7 @@ fn finished(missed: usize) -> ExitCode {
 }
 
 /// Returns the quantile of the values for this fraction.
-fn share(values: &mut [f64], share: f64) -> f64 {
+fn value_quantile(values: &mut [f64], share: f64) -> f64 {
     values.sort_by(f64::total_cmp);
     values[((values.len() as f64 * share).ceil() as usize).clamp(1, values.len()) - 1]
 }
@@ -104,12 +104,12 @@ fn regions_reported(regions: &[RegionFound], by_bad_robot_mm: f64) {
     let held = || regions.iter().map(|region| region.held);
     let (least, most) = (held().fold(f64::INFINITY, f64::min), held().fold(0.0, f64::max));
     let found = format!("{:.1}–{:.1} % in {} settings", 100.0 * least, 100.0 * most, regions.len());
-    let is_held = held().all(|held| HELD.contains(&held));
+    let is_held = held().all(|held| STATED_FRACTION_RANGE.contains(&held));
     Figure("calib: stated 95 % region contains the truth").report("90–99 %", &found, is_held);
     let found = format!("{by_bad_robot_mm:.2} mm");
-    let is_small = by_bad_robot_mm <= BAD_ROBOT_MM;
+    let is_small = by_bad_robot_mm <= MAX_ERROR_WITH_BAD_ROBOT_MM;
     let what = Figure("calib: robot 0.5 mm off, mount, worst of the first 20 seeds");
-    what.report(&format!("{BAD_ROBOT_MM} mm"), &found, is_small);
+    what.report(&format!("{MAX_ERROR_WITH_BAD_ROBOT_MM} mm"), &found, is_small);
 }
 
 /// The largest errors of mounts that were calibrated from rendered pictures.
@@ -123,20 +123,20 @@ struct MountFound {
 fn mounts_reported(mounts: &[MountFound]) {
     let worst = |number: fn(&MountFound) -> f64| mounts.iter().map(number).fold(0.0, larger);
     let (mm, deg) = (worst(|mount| mount.truth_mm), worst(|mount| mount.truth_deg));
-    let is_met = mm <= TRUTH_MM && deg <= TRUTH_DEG;
+    let is_met = mm <= MAX_ERROR_WITH_TRUE_LENS_MM && deg <= MAX_ERROR_WITH_TRUE_LENS_DEG;
     Figure("calib: mount from rendered pictures, worst, true lens").report(
-        &format!("{TRUTH_MM} mm, {TRUTH_DEG}°"),
+        &format!("{MAX_ERROR_WITH_TRUE_LENS_MM} mm, {MAX_ERROR_WITH_TRUE_LENS_DEG}°"),
         &format!("{mm:.3} mm, {deg:.4}°"),
         is_met,
     );
     let own_mm = worst(|mount| mount.own_mm);
-    Figure("calib: own lens").report(&format!("{OWN_MM} mm"), &format!("{own_mm:.3} mm"), own_mm <= OWN_MM);
+    Figure("calib: own lens").report(&format!("{MAX_ERROR_WITH_OWN_LENS_MM} mm"), &format!("{own_mm:.3} mm"), own_mm <= MAX_ERROR_WITH_OWN_LENS_MM);
 }
 
 fn three_points(seeds: u64) -> usize {
     let errors: Vec<[f64; 2]> =
         (1..=seeds).into_par_iter().map(|seed| boards::three_point_errors(seed, 0.1, true)).collect();
-    let at = |index: usize| share(&mut errors.iter().map(|error| error[index]).collect::<Vec<_>>(), 0.95);
+    let at = |index: usize| value_quantile(&mut errors.iter().map(|error| error[index]).collect::<Vec<_>>(), 0.95);
     let (centre, corner) = (at(0), at(1));
     let numbers = format!(
         "95 % of {seeds} rendered seeds: centre {centre:.3} mm (0.30), farthest corner {corner:.3} mm (0.70)"
@@ -165,10 +165,10 @@ fn rendered<A: Side>(seeds: u64) -> MountFound {
         with_own.push(by_own.mm);
         missed += usize::from(by_truth.suspects + by_own.suspects > 0);
     }
-    let [truth, deg, own, slowest] = [with_truth, deg, with_own, seconds].map(|mut values| share(&mut values, 1.0));
-    let good = truth <= TRUTH_MM && deg <= TRUTH_DEG && own <= OWN_MM && slowest <= 20.0 && missed == 0;
+    let [truth, deg, own, slowest] = [with_truth, deg, with_own, seconds].map(|mut values| value_quantile(&mut values, 1.0));
+    let good = truth <= MAX_ERROR_WITH_TRUE_LENS_MM && deg <= MAX_ERROR_WITH_TRUE_LENS_DEG && own <= MAX_ERROR_WITH_OWN_LENS_MM && slowest <= 20.0 && missed == 0;
     let numbers = format!(
-        "worst of {seeds} seeds: {truth:.3} mm ({TRUTH_MM}) and {deg:.4}° ({TRUTH_DEG}) with the true lens, {own:.3} mm ({OWN_MM}) with its own, \
+        "worst of {seeds} seeds: {truth:.3} mm ({MAX_ERROR_WITH_TRUE_LENS_MM}) and {deg:.4}° ({MAX_ERROR_WITH_TRUE_LENS_DEG}) with the true lens, {own:.3} mm ({MAX_ERROR_WITH_OWN_LENS_MM}) with its own, \
          whose stated region contains the true mount in {held}; corners, lens and mount in {slowest:.1} s (20); {missed} false alarms"
     );
     let missed = row(&format!("{}, 15 rendered poses", A::NAME), good, &numbers);
@@ -215,7 +215,7 @@ fn lenses<A: Side>(
         share * 100.0,
         counts.join(", ")
     );
-    let is_held = HELD.contains(&share);
+    let is_held = STATED_FRACTION_RANGE.contains(&share);
     if let Some(figure) = figure {
         figure.report("90–99 %", &format!("{:.1} %", 100.0 * share), is_held);
     }
@@ -223,7 +223,7 @@ fn lenses<A: Side>(
 }
 
 /// Injects a flipped board, two exchanged pictures and a mistyped number; each must be found and named.
-fn faults<A: Side>(seeds: u64) -> usize {
+fn test_input_faults<A: Side>(seeds: u64) -> usize {
     let named = |fault: usize| {
         let is_named = |seed: &u64| boards::is_named(&boards::faulty::<A>(*seed, fault), fault);
         (1..=seeds).into_par_iter().filter(is_named).count()
@@ -252,10 +252,10 @@ fn region<A: Side>(
     let in_sphere = errors.iter().filter(|error| error.mm <= error.stated_mm).count() as f64 / seeds as f64;
     let mut mm: Vec<f64> = errors.iter().map(|error| error.mm).collect();
     let mut stated: Vec<f64> = errors.iter().map(|error| error.stated_mm).collect();
-    let first = share(&mut mm[..mm.len().min(LIMIT_SEEDS)].to_vec(), 1.0);
-    let (worst, median, stated) = (share(&mut mm, 1.0), share(&mut mm, 0.5), share(&mut stated, 0.5));
+    let first = value_quantile(&mut mm[..mm.len().min(LIMIT_SEEDS)].to_vec(), 1.0);
+    let (worst, median, stated) = (value_quantile(&mut mm, 1.0), value_quantile(&mut mm, 0.5), value_quantile(&mut stated, 0.5));
     let alarms = errors.iter().filter(|error| error.suspects > 0).count();
-    let good = HELD.contains(&held) && first <= limit_mm;
+    let good = STATED_FRACTION_RANGE.contains(&held) && first <= limit_mm;
     let numbers = format!(
         "the 95 % region contains the true mount in {:.1} % of {seeds} seeds (90 to 99), the sphere in {:.1} %; worst of the first {LIMIT_SEEDS} \
          {first:.3} mm ({limit_mm}), of all {worst:.3} mm, median {median:.3}, stated {stated:.3} mm; {alarms} with a picture set aside",

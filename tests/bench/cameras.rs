@@ -17,7 +17,7 @@ use std::time::{Duration, Instant};
 const FORMAT: PixelFormat = PixelFormat::BayerRG8;
 const FRAMES_PER_S: f64 = 10.0;
 /// Maximum fraction of lost pictures; some losses are accepted, because the machine may be busy.
-const MAX_LOST_SHARE: f64 = 0.05;
+const MAX_LOST_FRACTION: f64 = 0.05;
 
 fn main() -> ExitCode {
     let seconds = std::env::args().skip(1).find_map(|argument| argument.parse().ok()).unwrap_or(600);
@@ -106,9 +106,9 @@ fn run(span: Duration) -> Result<(), String> {
     let found = format!("{wrong} of {taken}");
     let is_same = wrong == 0 && taken > 0;
     Figure("cameras: flange camera over GigE Vision: pictures that differ").report("0", &found, is_same);
-    let goal = format!("{} %", 100.0 * MAX_LOST_SHARE);
-    let is_whole = missing <= MAX_LOST_SHARE && exposed > 0;
+    let goal = format!("{} %", 100.0 * MAX_LOST_FRACTION);
+    let is_whole = missing <= MAX_LOST_FRACTION && exposed > 0;
     Figure("cameras: not taken").report(&goal, &format!("{:.2} %", 100.0 * missing), is_whole);
-    let held = wrong == 0 && accounted == exposed && missing <= MAX_LOST_SHARE && exposed > 0;
+    let held = wrong == 0 && accounted == exposed && missing <= MAX_LOST_FRACTION && exposed > 0;
     if held { Ok(()) } else { Err("the link misses its target".to_owned()) }
 }

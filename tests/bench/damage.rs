@@ -14,7 +14,7 @@ mod cell;
 mod goal;
 
 use bytes::DAMAGES;
-use cell::{Found, Held};
+use cell::{Found, UndamagedFiles};
 use goal::Figure;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -75,14 +75,14 @@ fn main() -> ExitCode {
         let text = arguments.iter().find_map(|argument| argument.strip_prefix(name)?.strip_prefix('='));
         text.map_or(usual, |text| text.parse().expect("a number"))
     };
-    let held = Held::new(number("seed", 1), number("reduction", 1) as usize);
+    let held = UndamagedFiles::new(number("seed", 1), number("reduction", 1) as usize);
     println!("file     damage                  files  refused reported  harmless  unnoticed  moved, mm");
     let parts: [(&str, u64, Part); 5] = [
-        ("scan", number("scans", 4_000), Held::located),
-        ("picture", number("pictures", 1_000), Held::refined),
-        ("pixels", number("pixels", 2_500), Held::refined_by_pixels),
-        ("clip", number("clips", 500), Held::inspected),
-        ("film", number("film", 2_000), Held::inspected_by_pixels),
+        ("scan", number("scans", 4_000), UndamagedFiles::located),
+        ("picture", number("pictures", 1_000), UndamagedFiles::refined),
+        ("pixels", number("pixels", 2_500), UndamagedFiles::refined_by_pixels),
+        ("clip", number("clips", 500), UndamagedFiles::inspected),
+        ("film", number("film", 2_000), UndamagedFiles::inspected_by_pixels),
     ];
     let (mut all, mut wrong, mut by_pixels) = (0, 0, 0);
     let pixels = parts[2].1 as usize;
@@ -114,7 +114,7 @@ fn main() -> ExitCode {
 }
 
 /// A function that damages one of the files and returns the result of the stages.
-type Part = fn(&Held, &Damage, &mut Pcg64) -> Found;
+type Part = fn(&UndamagedFiles, &Damage, &mut Pcg64) -> Found;
 
 /// A function that damages the bytes of a file.
 type Damage = fn(&mut Vec<u8>, &mut Pcg64);
@@ -127,6 +127,6 @@ fn damaged(file: &[u8], damage: &Damage, draw: &mut Pcg64) -> Vec<u8> {
 }
 
 /// Draws an index below `count`.
-fn one_of(count: usize, draw: &mut Pcg64) -> usize {
+fn random_index(count: usize, draw: &mut Pcg64) -> usize {
     draw.random_range(0..count)
 }

@@ -43,26 +43,26 @@ const CORRELATED_SEEDS: u64 = 25;
 const WET_SEEDS: u64 = 100;
 const PEER_SCANS: u64 = 20;
 /// Maximum error of an accepted pose that is correct, mm.
-const RIGHT_MM: f64 = 0.3;
-const ACCEPTED: f64 = 0.99;
+const MAX_CORRECT_ERROR_MM: f64 = 0.3;
+const MIN_ACCEPTED_FRACTION: f64 = 0.99;
 /// Minimum accepted fraction of all panels, including those whose visible surface and outline do not determine the pose
 /// well enough.
-const ACCEPTED_OF_ALL: f64 = 0.97;
+const MIN_ACCEPTED_FRACTION_OF_ALL: f64 = 0.97;
 const LARGE_MM: [f64; 2] = [250.0, 180.0];
 const LITTLE_HIDDEN: f64 = 0.05;
 const MEAN_MM: f64 = 0.07;
 const MAX_MM: f64 = 0.15;
 const LARGE_SHARE: f64 = 0.95;
-const STATED_SHARE: f64 = 0.9;
+const MIN_STATED_FRACTION: f64 = 0.9;
 const STATED_MM: f64 = gate::MAX_UNCERTAINTY_MM;
 const VERDICT_MS: f64 = 300.0;
 
 fn main() -> ExitCode {
     let words: Vec<String> = std::env::args().skip(1).collect();
     if let [word, folder] = &words[..]
-        && word == memory::ALONE
+        && word == memory::SEPARATE_PROCESS_ARGUMENT
     {
-        memory::alone(std::path::Path::new(folder));
+        memory::run_separate_process(std::path::Path::new(folder));
         return ExitCode::SUCCESS;
     }
     let seeds = |usual: u64| words.iter().find_map(|word| range(word)).unwrap_or(1..=usual);
@@ -91,7 +91,7 @@ fn main() -> ExitCode {
         missed += wet::verifications(seeds(WET_SEEDS));
     }
     if asked("memory") {
-        missed += memory::measured();
+        missed += memory::measure_memory();
     }
     if asked("peers") {
         peers::compared(seeds(PEER_SCANS));
@@ -230,14 +230,14 @@ fn good(seeds: RangeInclusive<u64>) -> usize {
             known += 1;
             println!(
                 "{seed:4}  {length:.0}×{width:.0}  {:.2}  not found: {}",
-                trial.hidden_share(),
+                trial.hidden_fraction(),
                 words(&tried.judgement)
             );
             continue;
         };
         println!(
             "{seed:4}  {length:.0}×{width:.0}  {:.2}  {:6}  {:.3}  {:.3}  {:.3}  {:?}  {:.3}  {:.2}  {:.0}  {}",
-            trial.hidden_share(),
+            trial.hidden_fraction(),
             tried.judgement.verdict.keyword(),
             error.mean_mm,
             error.max_mm,
@@ -253,8 +253,8 @@ fn good(seeds: RangeInclusive<u64>) -> usize {
             continue;
         }
         accepted += 1;
-        wrong += usize::from(error.max_mm > RIGHT_MM);
-        if length >= LARGE_MM[0] && width >= LARGE_MM[1] && trial.hidden_share() <= LITTLE_HIDDEN {
+        wrong += usize::from(error.max_mm > MAX_CORRECT_ERROR_MM);
+        if length >= LARGE_MM[0] && width >= LARGE_MM[1] && trial.hidden_fraction() <= LITTLE_HIDDEN {
             large += 1;
             large_good += usize::from(error.mean_mm <= MEAN_MM && error.max_mm <= MAX_MM);
             means.push(error.mean_mm);
@@ -273,29 +273,29 @@ fn good(seeds: RangeInclusive<u64>) -> usize {
         quantile(&mut largest, 0.5),
         quantile(&mut largest, 0.95)
     );
-    shared(Figure("locate: good scans accepted, of all"), accepted, count, ACCEPTED_OF_ALL);
-    shared(Figure("locate: of those that their covariance knows well enough"), accepted, known, ACCEPTED);
+    shared(Figure("locate: good scans accepted, of all"), accepted, count, MIN_ACCEPTED_FRACTION_OF_ALL);
+    shared(Figure("locate: of those that their covariance knows well enough"), accepted, known, MIN_ACCEPTED_FRACTION);
     let found = format!("{wrong} of {accepted}");
     Figure("locate: accepted poses with more than 0.3 mm error").report("0", &found, wrong == 0 && accepted > 0);
     let within = Figure("locate: within 0.07 mm on average and 0.15 mm at most, large panels");
     shared(within, large_good, large, LARGE_SHARE);
-    shared(Figure("locate: within the stated error, others"), stated, others, STATED_SHARE);
+    shared(Figure("locate: within the stated error, others"), stated, others, MIN_STATED_FRACTION);
     let (goal, found) = (format!("{VERDICT_MS} ms"), format!("{median_ms:.0} ms"));
     Figure("locate: scan in memory to verdict, median").report(&goal, &found, median_ms <= VERDICT_MS);
-    row(wrong == 0, &format!("{wrong} of {accepted} accepted poses are wrong by more than {RIGHT_MM} mm"))
+    row(wrong == 0, &format!("{wrong} of {accepted} accepted poses are wrong by more than {MAX_CORRECT_ERROR_MM} mm"))
         + row(
-            share(accepted, known) >= ACCEPTED,
+            share(accepted, known) >= MIN_ACCEPTED_FRACTION,
             &format!(
                 "{accepted} of {known} good scans that their own covariance knows to {STATED_MM} mm are accepted"
             ),
         )
-        + row(share(accepted, count) >= ACCEPTED_OF_ALL, &format!("{accepted} of {count} good scans are accepted"))
+        + row(share(accepted, count) >= MIN_ACCEPTED_FRACTION_OF_ALL, &format!("{accepted} of {count} good scans are accepted"))
         + row(
             share(large_good, large) >= LARGE_SHARE,
             &format!("{large_good} of {large} large panels within {MEAN_MM} mm on average and {MAX_MM} mm at most"),
         )
         + row(
-            share(stated, others) >= STATED_SHARE && too_much == 0,
+            share(stated, others) >= MIN_STATED_FRACTION && too_much == 0,
             &format!(
                 "{stated} of {others} others within what is stated; {too_much} state more than {STATED_MM} mm"
             ),
@@ -338,7 +338,7 @@ fn bad(scenes: RangeInclusive<u64>) -> usize {
             }
             _ => tried.error.map(|error| error.max_mm),
         };
-        let off = error_mm.is_some_and(|error_mm| error_mm > RIGHT_MM);
+        let off = error_mm.is_some_and(|error_mm| error_mm > MAX_CORRECT_ERROR_MM);
         if at == 0 && (other || off) {
             wrongly += 1;
             let error_mm = error_mm.unwrap_or(f64::NAN);

@@ -16,7 +16,7 @@ use panelprep::nominal::{Part, PartRays, PartView};
 use panelprep::panel::TaughtPanel;
 use panelprep::recipe::Recipe;
 use panelprep::sim::{PanelBend, TRIAL_BOX_MM, TrialScene};
-use panelprep::surface::{self, Form, FormErrors, FormPlace, TodaysPoint};
+use panelprep::surface::{self, Form, FormErrors, FormCell, TodaysPoint};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use std::ops::RangeInclusive;
@@ -29,14 +29,14 @@ mod goal;
 mod mesh_distance;
 
 /// The fraction of the panel's length and width that the region covers.
-const REGION: f64 = 0.6;
-const BOW_MM: [f64; 2] = [0.2, 3.0];
-const WAVE_MM: [f64; 2] = [0.02, 0.2];
-const LENGTH_MM: [f64; 2] = [150.0, 600.0];
+const REGION_FRACTION: f64 = 0.6;
+const BOW_RANGE_MM: [f64; 2] = [0.2, 3.0];
+const WAVE_RANGE_MM: [f64; 2] = [0.02, 0.2];
+const WAVELENGTH_RANGE_MM: [f64; 2] = [150.0, 600.0];
 /// Range of the fraction of cells whose error must be within the stated 95 % uncertainty.
-const WITHIN: RangeInclusive<f64> = 0.90..=0.99;
+const WITHIN_FRACTION_RANGE: RangeInclusive<f64> = 0.90..=0.99;
 /// Maximum fraction of panels whose true profile is larger than its upper bound.
-const MAX_UNBOUNDED_SHARE: f64 = 0.05;
+const MAX_UNBOUNDED_FRACTION: f64 = 0.05;
 
 /// The results for one panel.
 #[derive(Default)]
@@ -97,13 +97,13 @@ fn reduction() -> usize {
 fn drawn(random: &mut Pcg64, trial: &TrialScene) -> PanelBend {
     let mut between = |[low, high]: [f64; 2]| random.random_range(low..high);
     let turn = [0.0, std::f64::consts::TAU];
-    let (bow_mm, sign) = (between(BOW_MM), between([-1.0, 1.0]).signum());
+    let (bow_mm, sign) = (between(BOW_RANGE_MM), between([-1.0, 1.0]).signum());
     PanelBend {
         bow_mm: sign * bow_mm,
         half_mm: trial.size_mm()[0] / 2.0,
         along_rad: between(turn),
-        wave_mm: between(WAVE_MM),
-        length_mm: between(LENGTH_MM),
+        wave_mm: between(WAVE_RANGE_MM),
+        length_mm: between(WAVELENGTH_RANGE_MM),
         runs_rad: between(turn),
         phase_rad: between(turn),
     }
@@ -125,7 +125,7 @@ fn taught(trial: &TrialScene) -> Result<Drawn, String> {
     let rays = PartRays::new(part.clone(), &camera_from_drawing);
     let seen = PartView::view_part(&rays, trial.camera()).map_err(|error| error.to_string())?;
     let cloud = seen.and_then(|seen| seen.cloud()).ok_or("the drawing is not seen")?;
-    let corners = trial.middle_px(REGION).map(|pixel| [pixel.u, pixel.v]);
+    let corners = trial.middle_px(REGION_FRACTION).map(|pixel| [pixel.u, pixel.v]);
     let [low, high] = TRIAL_BOX_MM;
     let KukaPose { x_mm, y_mm, z_mm, a_deg, b_deg, c_deg } = KukaPose::from_rigid(&base_from_drawing);
     let text = format!(
@@ -160,7 +160,7 @@ fn compare(trial: &TrialScene) -> Result<(Form, f64, Compared), String> {
     let form_ms = begun.elapsed().as_secs_f64() * 1e3;
     let right = trial.best_fit_pose().ok_or("no panel")? * panel_from_panel(base_from_drawing);
     let truth_mm =
-        |place: &FormPlace| -trial.height_over_surface_mm(right * fit.surface.point(place.at)).unwrap_or(f64::NAN);
+        |place: &FormCell| -trial.height_over_surface_mm(right * fit.surface.point(place.at)).unwrap_or(f64::NAN);
     let truths: Vec<f64> = form.places.iter().map(truth_mm).collect();
     let begun = Instant::now();
     let mesh = MeshDistance::new(part);
@@ -194,7 +194,7 @@ fn panel_from_panel(base_from_drawing: &Rigid<Base, Panel>) -> Rigid<Panel, Pane
 }
 
 /// Returns the index of the point nearest to the centre of a cell.
-fn nearest(points: &[TodaysPoint], place: &FormPlace) -> usize {
+fn nearest(points: &[TodaysPoint], place: &FormCell) -> usize {
     let off = |point: &TodaysPoint| {
         (point.parameter().u - place.at.u).powi(2) + (point.parameter().v - place.at.v).powi(2)
     };
@@ -234,9 +234,9 @@ fn report(all: &[Compared]) {
     let (within, of) = (map().filter(|[error, bound]| error.abs() <= *bound).count(), map().count());
     let share = within as f64 / of.max(1) as f64;
     let found = format!("{:.1} % of {of}", 100.0 * share);
-    Figure("nominal: places of the map within the stated 95 %").report("90–99 %", &found, WITHIN.contains(&share));
+    Figure("nominal: places of the map within the stated 95 %").report("90–99 %", &found, WITHIN_FRACTION_RANGE.contains(&share));
     let above = all.iter().filter(|compared| !compared.is_profile_bounded).count();
-    let is_bounded = !all.is_empty() && above as f64 <= MAX_UNBOUNDED_SHARE * all.len() as f64;
+    let is_bounded = !all.is_empty() && above as f64 <= MAX_UNBOUNDED_FRACTION * all.len() as f64;
     let found = format!("{above} of {}", all.len());
     Figure("nominal: true profiles above the stated bound").report("5 %", &found, is_bounded);
     let map_mm = quantile(map().map(|[error, _]| error.abs()), 0.95);

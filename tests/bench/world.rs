@@ -31,7 +31,7 @@ use world::{Counts, SABOTAGES, Sabotage, World};
 const CYCLES_A_SECOND: f64 = 200.0;
 
 /// Returns the error to be inserted, if one is requested.
-fn mistake() -> Option<Sabotage> {
+fn requested_mistake() -> Option<Sabotage> {
     let name = argument("mistake")?;
     let known = SABOTAGES.iter().find(|(known, _)| *known == name);
     let (_, sabotage) =
@@ -40,7 +40,7 @@ fn mistake() -> Option<Sabotage> {
 }
 
 fn main() -> ExitCode {
-    alone();
+    use_one_thread();
     if std::env::args().any(|argument| argument == "log") {
         tracing_subscriber::fmt().with_max_level(tracing::Level::DEBUG).without_time().init();
     }
@@ -60,14 +60,14 @@ fn main() -> ExitCode {
     let begun = Instant::now();
     let mut counts = Counts::default();
     let mut wrong = 0;
-    let sabotage = mistake();
+    let sabotage = requested_mistake();
     let imagine_every = number("imagine_every").unwrap_or(1).max(1);
     // The pictures and results that all worlds share are computed in the first half of the worlds.
     let warm = from + count / 2;
-    let mut before = held();
+    let mut before = memory_and_descriptors();
     for seed in from..from + count {
         if seed == warm {
-            before = held();
+            before = memory_and_descriptors();
         }
         let world = match argument("script") {
             Some(text) => World::with(seed, world::parse(&text).unwrap_or_else(|error| panic!("{error}"))),
@@ -95,7 +95,7 @@ fn main() -> ExitCode {
     }
     let wall_s = begun.elapsed().as_secs_f64();
     println!("{counts:#?}");
-    let (memory_kb, descriptors) = held();
+    let (memory_kb, descriptors) = memory_and_descriptors();
     println!(
         "from the middle on: memory {} to {memory_kb} kB, descriptors {} to {descriptors}",
         before.0, before.1
@@ -121,7 +121,7 @@ fn main() -> ExitCode {
 
 /// Runs this number of seeds, each a step above the previous one, until a check finds a violation or the time is over.
 fn until_wrong((from, count): (u64, u64), step: u64, limit_s: Option<u64>) -> ExitCode {
-    let (begun, sabotage) = (Instant::now(), mistake());
+    let (begun, sabotage) = (Instant::now(), requested_mistake());
     let is_over = || limit_s.is_some_and(|limit_s| begun.elapsed().as_secs() >= limit_s);
     for seed in (0..count).map(|n| from + n * step).take_while(|_| !is_over()) {
         println!("seed {seed}");
@@ -135,7 +135,7 @@ fn until_wrong((from, count): (u64, u64), step: u64, limit_s: Option<u64>) -> Ex
 
 /// Makes parallel loops run in the calling thread, so that a world is one thread and its processor time can be
 /// measured.
-fn alone() {
+fn use_one_thread() {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread();
     pool.build_global().unwrap_or_else(|error| panic!("{error}"));
 }
@@ -149,7 +149,7 @@ fn cpu_s() -> f64 {
 }
 
 /// Returns the process's memory, kB, and the number of its open descriptors.
-fn held() -> (u64, usize) {
+fn memory_and_descriptors() -> (u64, usize) {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let kb =
         status.lines().find_map(|line| line.strip_prefix("VmRSS:")?.trim().strip_suffix("kB")?.trim().parse().ok());
@@ -168,11 +168,11 @@ fn kills(from: u64, count: u64) -> ExitCode {
         World::from_seed(seed).run();
     }
     let begun = Instant::now();
-    let killed = world::kills(from, count, mistake());
+    let killed = world::kills(from, count, requested_mistake());
     for (seed, violation) in &killed.violations {
         println!("seed {seed}: {}: {}", violation.judge, violation.what);
     }
-    if mistake().is_none() {
+    if requested_mistake().is_none() {
         let found = format!("{} in {}", killed.violations.len(), killed.kills);
         let is_met = killed.violations.is_empty() && killed.kills > 0;
         Figure("world: violations in killed processes").report("0", &found, is_met);

@@ -20,7 +20,7 @@ use std::ops::RangeInclusive;
 use std::process::ExitCode;
 
 /// Minimum fraction of the refused inputs whose message names the actual mistake.
-const MIN_NAMED_SHARE: f64 = 0.95;
+const MIN_NAMED_FRACTION: f64 = 0.95;
 
 /// A mistake by a person, and words of the message that names it.
 struct Mistake {
@@ -228,16 +228,16 @@ fn main() -> ExitCode {
         }
     }
     let share = named as f64 / wrong.max(1) as f64;
-    println!("{:.1} % of the wrong inputs are named (target {:.0} %)", 100.0 * share, 100.0 * MIN_NAMED_SHARE);
+    println!("{:.1} % of the wrong inputs are named (target {:.0} %)", 100.0 * share, 100.0 * MIN_NAMED_FRACTION);
     let found = format!("{accepted} of {wrong}");
     Figure("calib: wrong inputs accepted").report("0", &found, accepted == 0 && wrong > 0);
     let found = format!("{:.1} %", 100.0 * share);
     Figure("calib: wrong inputs named").report(
-        &format!("{} %", 100.0 * MIN_NAMED_SHARE),
+        &format!("{} %", 100.0 * MIN_NAMED_FRACTION),
         &found,
-        share >= MIN_NAMED_SHARE,
+        share >= MIN_NAMED_FRACTION,
     );
-    missed += usize::from(share < MIN_NAMED_SHARE);
+    missed += usize::from(share < MIN_NAMED_FRACTION);
     println!("{missed} floors were missed");
     if missed == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }

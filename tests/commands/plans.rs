@@ -5,8 +5,8 @@ use panelprep::files;
 use panelprep::geometry::OrganizedCloud;
 use serde_json::{Value, json as value};
 
-/// Every pattern on the rendered cell, for a single grid, neighbours and all grids, is accepted, with its lines
-/// within the recipe's step-over.
+/// Every pattern on the rendered cell is accepted, for a single grid, adjacent grids and all grids, with a distance
+/// between its lines within the recipe's step-over.
 #[test]
 fn every_pattern_is_planned_on_the_rendered_cell() {
     let folder = rendered("good");
@@ -33,7 +33,7 @@ fn every_pattern_is_planned_on_the_rendered_cell() {
     }
 }
 
-/// No program is written from a rejected plan, and an existing program is not used in its place.
+/// No program is written from a rejected plan, and an existing program is not used instead.
 #[test]
 fn a_rejected_plan_becomes_no_program() {
     let folder = rendered("good");
@@ -65,8 +65,9 @@ fn a_rejected_plan_becomes_no_program() {
     }
 }
 
-/// A hole in the middle of the region, through which the background is seen. `teach` reports the hole with its size
-/// and grid, and does not blame the camera; `check` with the cell's file reports the same once the panel is taught.
+/// A hole in the middle of the region, through which the background is seen. `teach` reports the hole with its size and
+/// grid, and does not report a fault of the camera. `check` with the cell's file reports the same when the panel has
+/// been taught.
 #[test]
 fn a_hole_under_the_region_is_named_by_teach_and_check() {
     let folder = rendered("good");
@@ -83,13 +84,13 @@ fn a_hole_under_the_region_is_named_by_teach_and_check() {
     let cloud = files::read_any_cloud(&std::fs::read(&file).expect("a scan"), None).expect("a scan");
     let (width, height) = (cloud.width(), cloud.height());
     // The hole is half-way from the region's middle to its first corner, because the search for the panel uses the
-    // middle itself.
+    // middle.
     let middle_px = [0, 1].map(|axis| (mean(axis) + number(&corners[0][axis])) / 2.0);
     let (middle, half) = (middle_px.map(|px| px.round() as usize), 7);
     let is_hole =
         |index: usize| (index % width).abs_diff(middle[0]) <= half && (index / width).abs_diff(middle[1]) <= half;
     let points = cloud.raw_points_mm().iter().enumerate();
-    // The background is seen through the hole: along the same ray, a fifth farther away.
+    // The background is seen through the hole: along the same ray, at 1.2 times the distance.
     let points = points.map(|(index, &at)| if is_hole(index) { at.map(|mm| 1.2 * mm) } else { at }).collect();
     let holed = OrganizedCloud::new(width, height, points, cloud.picture().rgb).expect("organised");
     std::fs::write(&file, files::write_pcd(&holed)).expect("written");

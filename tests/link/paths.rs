@@ -1,11 +1,11 @@
-//! Whole paths: long ones without a stop, a slow robot, a lost base, numbers at the end of their range.
+//! Tests of whole paths: long paths without a stop, a slow robot, a lost base, counters at the end of their range.
 
 use super::cell::{BASE, Blind, Cell, pass, sanding_tool, setup, speed};
 use panelprep::devices::mock::{Clock, Fault, Setup, StopCause};
 use panelprep::eki::{Command, EchoMismatch, LinkLimits, MoveLin, Report};
 use panelprep::geometry::KukaPose;
 
-/// Returns points back and forth over 120 mm in steps of 3 mm at 150 mm/s: 20 ms each, which equals the round-trip
+/// Returns points back and forth over 120 mm in steps of 3 mm at 150 mm/s: 20 ms per step, which equals the round-trip
 /// time.
 fn meander(points: usize) -> Vec<MoveLin> {
     let point = |index: usize| {
@@ -27,8 +27,8 @@ fn meander(points: usize) -> Vec<MoveLin> {
     points
 }
 
-/// 10,000 points at 20 ms round trip: the controller never runs out of points, and the arm does not stop before the
-/// end.
+/// 10,000 points with a round trip of 20 ms: the controller never runs out of points, and the arm does not stop before
+/// the end.
 #[test]
 fn ten_thousand_points_run_without_a_stop() {
     let mut cell = Cell::ready(setup(Clock::Free), 0.15);
@@ -46,13 +46,14 @@ fn ten_thousand_points_run_without_a_stop() {
     }
     assert_eq!((cell.controller.underrun_count(), stood), (0, 0));
     assert!(cell.until(200, |report| *report == Report::PathDone { last }));
-    // Calculated by hand: 10,000 · 3.015 mm at 150 mm/s are 201 s; corners are cut, and rows change within 3 mm.
+    // Expected duration, calculated by hand: 10,000 · 3.015 mm at 150 mm/s are 201 s; corners are cut, and rows change
+    // within 3 mm.
     let took_ms = cell.executed()[9_999].time_ms - cell.executed()[0].time_ms;
     assert!((190_000..206_000).contains(&took_ms), "{took_ms} ms");
 }
 
-/// At a fifth of its speed the robot is only late: all points are executed once, the queue never runs empty, and no
-/// time limit is exceeded.
+/// A robot at a fifth of its speed is only late: all points are executed once, the queue never runs empty, and no time
+/// limit is exceeded.
 #[test]
 fn a_slow_robot_is_waited_for() {
     let mut cell = Cell::ready(setup(Clock::Free), 0.15);
@@ -67,8 +68,8 @@ fn a_slow_robot_is_waited_for() {
     assert!(cell.now_ms > 6_000);
 }
 
-/// At a fiftieth of its speed a point takes a second instead of 20 ms. In contact, the epoch is ended and the pad
-/// leaves the panel. In the air, this is reported and the client waits.
+/// At a fiftieth of the robot's speed a point takes a second instead of 20 ms. In contact, the epoch is ended and the
+/// pad leaves the panel. In the air, the delay is reported and the client waits.
 #[test]
 fn a_robot_that_is_too_slow_in_contact_leaves_the_panel() {
     for in_contact in [true, false] {
@@ -101,7 +102,8 @@ fn the_controller_does_not_wait_for_a_client_that_stalls_in_contact() {
     assert!(super::cell::height_mm(&cell.controller) > 40.0);
 }
 
-/// With a lost `set_base`, the arm would execute plausible but wrong lines. No line is sent, and the epoch ends.
+/// If a `set_base` is lost, the arm would execute plausible but wrong lines. Therefore no line is sent, and the epoch
+/// ends.
 #[test]
 fn no_line_follows_a_base_that_was_lost_or_is_wrong() {
     for fault in [Fault::LoseBase, Fault::WrongBase, Fault::LoseTool] {
@@ -130,7 +132,8 @@ fn no_line_follows_a_base_that_was_lost_or_is_wrong() {
     }
 }
 
-/// Counts of 32 bits end: a state's number continues from 0, and a used-up epoch is an error and does not wrap.
+/// Counters of 32 bits overflow: a state's number continues from 0, while an exhausted epoch counter is an error and
+/// does not wrap.
 #[test]
 fn a_states_number_continues_from_zero() {
     let mut cell = Cell::new(Setup { first_state: i32::MAX - 20, ..setup(Clock::Free) }, LinkLimits::default(), 1);
@@ -141,7 +144,7 @@ fn a_states_number_continues_from_zero() {
     assert!(cell.session.epoch().is_some() && cell.controller.program_stops().is_empty());
 }
 
-/// Pieces of any size and 2 to 25 ms of jitter change only the duration.
+/// Message fragments of any size and a jitter of 2 to 25 ms change only the duration.
 #[test]
 fn pieces_and_jitter_change_nothing() {
     for seed in 0..20 {

@@ -104,7 +104,7 @@ impl Cameras {
         let disc_mm = fixture.cycle.recipe.path().disc_diameter_mm();
         let touched = TouchedPoints::reached_by_disc(&world.trace(on_ms), fixture.truth(), disc_mm);
         let takes_off = world.stands != CellContents::Stubborn;
-        let share = |spot| takes_off && touched.covered_share(spot) >= MIN_HEALED_SHARE;
+        let share = |spot| takes_off && touched.covered_pixel_fraction(spot) >= MIN_HEALED_SHARE;
         self.healed = fixture.truth().spots.iter().map(share).collect();
         self.healed_at_ms = Some(on_ms);
     }

@@ -38,11 +38,11 @@ impl std::fmt::Display for Problems {
 pub(super) fn syntax_problem(text: &str, error: &toml::de::Error) -> Problem {
     let offset = error.span().map_or(0, |span| span.start);
     let line = line_number(text, offset);
-    let message = match text.lines().nth(line - 1).and_then(decimal_comma) {
+    let message = match text.lines().nth(line - 1).and_then(find_decimal_comma) {
         Some((found, meant)) => format!("found {found}; a number has a decimal point: write {meant}"),
         None => format!("not TOML: {}", error.message()),
     };
-    Problem { line, key: key_at(text, line).unwrap_or_default(), message }
+    Problem { line, key: find_key_at(text, line).unwrap_or_default(), message }
 }
 
 /// Returns the line of a key, `poses.park.a1_deg`. If the key does not exist, the line of its table, or 1.
@@ -66,7 +66,7 @@ pub(super) fn line_number(text: &str, offset: usize) -> usize {
 }
 
 /// Finds a number with a decimal comma in this line, `6,5`; returns it and the same number with a point.
-fn decimal_comma(line: &str) -> Option<(String, String)> {
+fn find_decimal_comma(line: &str) -> Option<(String, String)> {
     let values = line.split('=').skip(1);
     values
         .filter_map(|value| {
@@ -83,7 +83,7 @@ fn decimal_comma(line: &str) -> Option<(String, String)> {
 
 /// Returns the key at the start of a line, with the last table header above the line. The key is read from the text,
 /// because the parsed tree does not contain broken or duplicate keys.
-fn key_at(text: &str, line: usize) -> Option<String> {
+fn find_key_at(text: &str, line: usize) -> Option<String> {
     let header = |line: &str| Some(line.trim().strip_prefix('[')?.trim_matches(['[', ']', ' ']).to_owned());
     let written = text.lines().nth(line - 1)?;
     if let Some(table) = header(written) {

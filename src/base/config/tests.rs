@@ -52,7 +52,7 @@ fn problems(text: &str) -> Vec<String> {
 
 /// Returns the problems of a file with four correct lines followed by this text, which begins in line 5 inside
 /// `[region]`.
-fn after_good(text: &str) -> Vec<String> {
+fn problems_after_good_lines(text: &str) -> Vec<String> {
     problems(&format!("panel = 'door'\n[region]\nrows = 4\ncolumns = 6\n{text}"))
 }
 
@@ -126,7 +126,7 @@ fn each_mistake_is_reported_with_line_key_and_valid_values() {
     ];
     for (mistake, message) in cases {
         assert_eq!(
-            after_good(&format!("[locate]\n{mistake}\n[[extra]]\nrows = 1\ncolumns = 1")),
+            problems_after_good_lines(&format!("[locate]\n{mistake}\n[[extra]]\nrows = 1\ncolumns = 1")),
             [message],
             "{mistake}"
         );
@@ -149,7 +149,7 @@ fn a_missing_key_is_reported_once() {
             "2: region.columns: is missing; this key has no default"
         ]
     );
-    assert_eq!(after_good("[[extra]]\nrows = 1"), ["5: extra[1].columns: is missing; this key has no default"]);
+    assert_eq!(problems_after_good_lines("[[extra]]\nrows = 1"), ["5: extra[1].columns: is missing; this key has no default"]);
 }
 
 /// A misspelt key is not also reported as missing, and the contents of a misspelt table are still checked.
@@ -168,7 +168,7 @@ fn a_misspelt_name_is_not_also_reported_as_missing() {
         ["2: columns: unknown key here; did you mean region.columns?"]
     );
     assert_eq!(
-        after_good("[regoin]\nrows = 99\n[locate]\nrows = 3"),
+        problems_after_good_lines("[regoin]\nrows = 99\n[locate]\nrows = 3"),
         [
             "5: regoin: unknown key; did you mean region?",
             "8: locate.rows: unknown key here; did you mean region.rows?"
@@ -188,7 +188,7 @@ fn a_misspelt_name_is_not_also_reported_as_missing() {
 fn a_table_is_not_confused_with_a_value() {
     assert_eq!(problems("panel = 'door'\nregion = 3"), ["2: region: found 3, valid: a table; write [region]"]);
     assert_eq!(
-        after_good("[extra]\nrows = 1"),
+        problems_after_good_lines("[extra]\nrows = 1"),
         ["5: extra: found a table, valid: a list of tables; write [[extra]]"]
     );
 }
@@ -196,7 +196,7 @@ fn a_table_is_not_confused_with_a_value() {
 #[test]
 fn line_numbers_are_correct_in_lists_and_inline_tables() {
     assert_eq!(
-        after_good("[[extra]]\nrows = 1\ncolumns = 1\n[[extra]]\nrows = 0\ncolumns = 99"),
+        problems_after_good_lines("[[extra]]\nrows = 1\ncolumns = 1\n[[extra]]\nrows = 0\ncolumns = 99"),
         [
             "9: extra[2].rows: found 0, valid: a whole number from 1 to 50",
             "10: extra[2].columns: found 99, valid: a whole number from 1 to 50"

@@ -37,7 +37,7 @@ pub enum KnotError {
     NotOpen {
         /// The requested degree.
         degree: usize,
-        /// Knots found.
+        /// The knots that were given.
         knots: Vec<f64>,
     },
 }
@@ -179,17 +179,17 @@ impl KnotVector {
     /// Returns the values of the basis functions at a parameter, without derivatives.
     pub fn values(&self, at: f64) -> SpanValues {
         let knot = self.span(at) + self.degree;
-        (1..=self.degree).fold(constant_values(), |lower, degree| self.raise(lower, degree, knot, at))
+        (1..=self.degree).fold(constant_values(), |lower, degree| self.raise_degree(lower, degree, knot, at))
     }
 
     /// Returns the values and first derivatives at a parameter; the second derivatives are left zero.
     pub fn with_first_derivatives(&self, at: f64) -> Basis {
         let (span, top) = (self.span(at), self.degree);
         let knot = span + top;
-        let lower = (1..top).fold(constant_values(), |lower, degree| self.raise(lower, degree, knot, at));
+        let lower = (1..top).fold(constant_values(), |lower, degree| self.raise_degree(lower, degree, knot, at));
         Basis {
             first_control_index: span,
-            values: self.raise(lower, top, knot, at),
+            values: self.raise_degree(lower, top, knot, at),
             first_derivatives: self.differentiate(lower, top, knot),
             second_derivatives: [0.0; MAX_DEGREE + 1],
         }
@@ -202,11 +202,11 @@ impl KnotVector {
         if top == 1 {
             return self.with_first_derivatives(at);
         }
-        let lowest = (1..top - 1).fold(constant_values(), |lower, degree| self.raise(lower, degree, knot, at));
-        let lower = self.raise(lowest, top - 1, knot, at);
+        let lowest = (1..top - 1).fold(constant_values(), |lower, degree| self.raise_degree(lower, degree, knot, at));
+        let lower = self.raise_degree(lowest, top - 1, knot, at);
         Basis {
             first_control_index: span,
-            values: self.raise(lower, top, knot, at),
+            values: self.raise_degree(lower, top, knot, at),
             first_derivatives: self.differentiate(lower, top, knot),
             second_derivatives: self.differentiate(self.differentiate(lowest, top - 1, knot), top, knot),
         }
@@ -214,7 +214,7 @@ impl KnotVector {
 
     // Applies one step of the recursion, Eq. 4.10: computes the functions of a degree from those of degree − 1, on the
     // span that begins at this knot.
-    fn raise(&self, lower: SpanValues, degree: usize, knot: usize, at: f64) -> SpanValues {
+    fn raise_degree(&self, lower: SpanValues, degree: usize, knot: usize, at: f64) -> SpanValues {
         let mut raised = [0.0; MAX_DEGREE + 1];
         for (r, value) in lower.iter().enumerate().take(degree) {
             let (from, to) = (self.knots[knot + r + 1 - degree], self.knots[knot + r + 1]);

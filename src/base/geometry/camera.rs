@@ -214,7 +214,7 @@ mod tests {
     /// Expected values, calculated by hand: x = 0.2, y = 0.1, r² = 0.05. With only k1 = −0.1, p1 = 0.01: ρ = 0.995, x'
     /// = 0.199 + 2·0.01·0.02 = 0.1994, y' = 0.0995 + 0.01·(0.05 + 0.02) = 0.1002; u = 1000·x' + 500.
     #[test]
-    fn distortion_by_hand() {
+    fn distortion_agrees_with_hand_calculation() {
         let camera = PinholeCamera {
             fx_px: 1000.0,
             fy_px: 1000.0,

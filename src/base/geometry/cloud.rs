@@ -34,13 +34,13 @@ pub enum CloudError {
     /// The number of points or of colours is not the number of pixels.
     #[error("a cloud of {width}×{height} needs {} points and colours, found {points} and {colors}", width * height)]
     Size {
-        /// Requested columns.
+        /// Number of columns that the caller requested.
         width: usize,
-        /// Requested rows.
+        /// Number of rows that the caller requested.
         height: usize,
-        /// Points found.
+        /// Number of points that were given.
         points: usize,
-        /// Colours found.
+        /// Number of colours that were given.
         colors: usize,
     },
     /// The cloud has a single row or column: it is a list of points without a pixel grid.
@@ -48,9 +48,9 @@ pub enum CloudError {
         "the cloud is not organised ({width}×{height}); export it as an ordered cloud, one point for each pixel"
     )]
     NotOrganized {
-        /// Columns found.
+        /// Number of columns of the cloud.
         width: usize,
-        /// Rows found.
+        /// Number of rows of the cloud.
         height: usize,
     },
 }
@@ -183,10 +183,10 @@ const MAX_LENS_STEPS: usize = 12;
 /// Maximum projection error of a point, as a multiple of the median error, at which the second run uses the point.
 const MAX_ERROR_IN_MEDIANS: f64 = 6.0;
 
-/// A cloud's lens.
+/// The lens that was fitted to a cloud, with its residual.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CloudLens {
-    /// The lens.
+    /// The fitted lens parameters.
     pub camera: PinholeCamera,
     /// The median distance between projected points and their pixels, px.
     pub median_px: f64,
@@ -307,7 +307,7 @@ mod tests {
     /// Expected value, calculated by hand: pixels 2 mm apart along a row and 3 mm along a column have an area of 6 mm²
     /// each.
     #[test]
-    fn a_pixel_represents_its_share_of_the_surface() {
+    fn a_pixel_represents_its_surface_area() {
         let cloud = grid(4, 4);
         assert!((cloud.pixel_area_mm2(1, 2).expect("inside") - 6.0).abs() < 1e-9);
         assert_eq!(cloud.pixel_area_mm2(0, 2), None);

@@ -18,10 +18,10 @@ pub const REFERENCE_DEPTH_MM: f64 = 700.0;
 pub const FIELD_COLUMNS: usize = 9;
 /// Number of coefficients along the picture's height.
 pub const FIELD_ROWS: usize = 7;
-/// All coefficients.
+/// Total number of coefficients of the field.
 pub const FIELD_SIZE: usize = FIELD_COLUMNS * FIELD_ROWS;
 
-/// c of (1).
+/// The depth error c of (1) as a function of the direction.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DepthField {
     /// The rectangle of directions that the field covers.

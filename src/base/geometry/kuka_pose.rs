@@ -67,7 +67,7 @@ impl std::fmt::Display for KukaPose {
     }
 }
 
-// Eq. 3.3, corrected
+// Returns A, B and C of a rotation by Eq. 3.3 as corrected, degrees.
 fn angles_deg(rotation: &Rotation3<f64>) -> [f64; 3] {
     let r = rotation.matrix();
     let cos_b = r[(0, 0)].hypot(r[(1, 0)]);

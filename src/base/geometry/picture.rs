@@ -12,7 +12,7 @@ pub const ALL_NEIGHBOURS: [(isize, isize); 8] =
 pub struct RasterSize {
     /// Number of cells in a row.
     pub width: usize,
-    /// Rows.
+    /// Number of rows of cells.
     pub height: usize,
 }
 
@@ -87,9 +87,9 @@ impl RasterSize {
 /// A colour picture, 8 bits per channel, sRGB.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ColorPicture {
-    /// Columns.
+    /// Width of the picture, px.
     pub width: usize,
-    /// Rows.
+    /// Height of the picture, px.
     pub height: usize,
     /// Red, green, blue of each pixel.
     pub rgb: Vec<[u8; 3]>,
@@ -113,9 +113,9 @@ impl ColorPicture {
 /// A grey picture, 8 bits per pixel.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct GrayPicture {
-    /// Columns.
+    /// Width of the picture, px.
     pub width: usize,
-    /// Rows.
+    /// Height of the picture, px.
     pub height: usize,
     /// Grey level of each pixel.
     pub gray: Vec<u8>,
@@ -140,9 +140,9 @@ impl GrayPicture {
 /// A mask: the pixels of a picture that belong to a region.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Mask {
-    /// Columns.
+    /// Width of the mask, px.
     pub width: usize,
-    /// Rows.
+    /// Height of the mask, px.
     pub height: usize,
     /// One flag per pixel: true inside of the region.
     pub inside: Vec<bool>,

@@ -153,7 +153,7 @@ impl PlaneZone {
     /// Computes the zone of these points; `None` if the points do not determine a plane. If the bounds do not meet, the
     /// result is the narrowest zone that was found: an upper bound.
     pub fn compute<F: Frame>(points: &[Point<F>]) -> Option<PlaneZone> {
-        let (local, scatter_mm) = along_plane(points)?;
+        let (local, scatter_mm) = to_plane_coordinates(points)?;
         let level = Zone::at(&local, [0.0; 2]);
         let max_slope = MAX_SLOPE * level.width_mm.max(MAX_GAP_MM);
         let sides = [[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]];
@@ -180,7 +180,7 @@ impl PlaneZone {
 
 /// Returns the points in coordinates along their plane of least squares, with x and y divided by their scatter, and
 /// this scatter, mm; `None` if the points lie on a line.
-fn along_plane<F: Frame>(points: &[Point<F>]) -> Option<(Vec<Vector3<f64>>, [f64; 2])> {
+fn to_plane_coordinates<F: Frame>(points: &[Point<F>]) -> Option<(Vec<Vector3<f64>>, [f64; 2])> {
     // The eigenvalue decomposition would not terminate for numbers that are not finite.
     if points.len() < 3 || !points.iter().all(|point| point.mm.coords.iter().all(|mm| mm.is_finite())) {
         return None;

@@ -47,7 +47,7 @@ pub fn crossing_sides(polygon: &[Pixel]) -> Option<[usize; 2]> {
     let count = polygon.len();
     let side = |i: usize| (polygon[i], polygon[(i + 1) % count]);
     let pairs = (0..count).flat_map(|i| (i + 2..count).map(move |j| [i, j]));
-    pairs.filter(|[i, j]| (j + 1) % count != *i).find(|&[i, j]| cross(side(i), side(j)))
+    pairs.filter(|[i, j]| (j + 1) % count != *i).find(|&[i, j]| do_segments_cross(side(i), side(j)))
 }
 
 /// Returns the distance of a point from the nearest side of the polygon, px.
@@ -63,7 +63,7 @@ pub fn distance_to_side_px(polygon: &[Pixel], point: Pixel) -> f64 {
 }
 
 /// Returns whether two line segments have a point in common.
-fn cross((a, b): (Pixel, Pixel), (c, d): (Pixel, Pixel)) -> bool {
+fn do_segments_cross((a, b): (Pixel, Pixel), (c, d): (Pixel, Pixel)) -> bool {
     let side = |p: Pixel, q: Pixel, r: Pixel| (q.u - p.u) * (r.v - p.v) - (q.v - p.v) * (r.u - p.u);
     let [c_side, d_side, a_side, b_side] = [side(a, b, c), side(a, b, d), side(c, d, a), side(c, d, b)];
     let beside = |p: Pixel, q: Pixel, r: Pixel| {
@@ -95,7 +95,7 @@ mod tests {
     /// corner is a crossing. The point (2, 1) is 1 px from the upper side of a rectangle of 4 × 4 px, and (6, 7) is
     /// √(2² + 3²) px from its corner.
     #[test]
-    fn crossing_sides_and_distances_to_sides_by_hand() {
+    fn crossing_sides_and_distances_agree_with_hand_calculation() {
         let of = |corners: &[[f64; 2]]| corners.iter().map(|&[u, v]| Pixel::at(u, v)).collect::<Vec<_>>();
         let square = of(&[[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]]);
         assert_eq!(crossing_sides(&square), None);

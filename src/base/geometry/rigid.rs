@@ -111,7 +111,7 @@ impl Pixel {
 /// A point measured in frame `F`, mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Point<F: Frame> {
-    /// Coordinates, mm.
+    /// Coordinates of the point in its frame, mm.
     pub mm: Point3<f64>,
     frame: PhantomData<F>,
 }
@@ -303,7 +303,7 @@ pub fn fit_rigid_motion<From: Frame, To: Frame>(pairs: &[(Point<From>, Point<To>
 /// mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PoseUncertainty {
-    /// The pose.
+    /// The pose whose uncertainty is stated.
     pub camera_from_panel: Rigid<Camera, Panel>,
     /// The point of the panel about which the twist rotates.
     pub centre: Point<Panel>,

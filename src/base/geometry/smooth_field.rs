@@ -19,7 +19,7 @@ use rayon::prelude::*;
 const MAX_SPAN_MM: f64 = 70.0;
 /// λ of (1); `MAGNITUDE_WEIGHT` is μ. Between measured points the two terms together change the field by less than 1 %.
 const SMOOTHNESS_WEIGHT: f64 = 1e-3;
-/// μ of (1).
+/// The weight μ of (1) on the magnitude of the coefficients.
 const MAGNITUDE_WEIGHT: f64 = 1e-4;
 /// Minimum value of σ, mm; it applies to heights without noise.
 const MIN_SIGMA_MM: f64 = 0.01;
@@ -42,7 +42,7 @@ pub struct HeightSample {
     pub height_mm: f64,
 }
 
-/// c of (1).
+/// The fitted field c of (1).
 #[derive(Debug, Clone)]
 pub struct SmoothField {
     knots: [KnotVector; 2],
@@ -53,7 +53,7 @@ pub struct SmoothField {
 /// A field, with the limit that decided which heights it follows.
 #[derive(Debug, Clone)]
 pub struct RobustField {
-    /// The field.
+    /// The fitted smooth field.
     pub field: SmoothField,
     /// Maximum distance of a height from the field, mm, at which the height has a weight.
     pub limit_mm: f64,
@@ -64,13 +64,13 @@ impl SmoothField {
     pub fn fit_robust(sides_mm: [f64; 2], seen: &[HeightSample]) -> Option<RobustField> {
         // The first weights come from a single patch, because it cannot follow a clamp. A field with many spans would
         // follow the clamp and give weight to its points.
-        let patch = SmoothField::fit_weighted(&knots([1, 1])?, seen, vec![1.0; seen.len()])?.field;
+        let patch = SmoothField::fit_weighted(&uniform_knots([1, 1])?, seen, vec![1.0; seen.len()])?.field;
         let is_near = |height: &HeightSample| {
             (height.height_mm - patch.height_at(height.position)).abs() <= MAX_PATCH_DISTANCE_MM
         };
         let weights = seen.iter().map(|height| f64::from(is_near(height))).collect();
         let spans = sides_mm.map(|mm| (mm / MAX_SPAN_MM).ceil().max(1.0) as usize);
-        SmoothField::fit_weighted(&knots(spans)?, seen, weights)
+        SmoothField::fit_weighted(&uniform_knots(spans)?, seen, weights)
     }
 
     /// Returns the height of the field at a position, mm; outside of the unit square, the height at its border.
@@ -167,7 +167,7 @@ struct BasisValue {
 }
 
 /// Creates two knot vectors with these numbers of equal spans, along u and v; `None` for zero spans.
-fn knots(spans: [usize; 2]) -> Option<[KnotVector; 2]> {
+fn uniform_knots(spans: [usize; 2]) -> Option<[KnotVector; 2]> {
     let along = |spans| KnotVector::uniform(DEGREE, spans, 0.0..=1.0).ok();
     Some([along(spans[0])?, along(spans[1])?])
 }

@@ -12,7 +12,7 @@ pub use password::{
 };
 
 use panelprep_base::config::Choice;
-use panelprep_base::number_text::printable;
+use panelprep_base::number_text::check_printable;
 use serde::{Deserialize, Serialize};
 use strum::VariantArray;
 
@@ -45,8 +45,8 @@ impl Account {
         former: Option<&Account>,
     ) -> Result<Self, String> {
         checked_name(name).map_err(|error| error.to_string())?;
-        printable(printed_name, MAX_PRINTED_CHARACTERS)
-            .map_err(|problem| format!("the printed name is not valid: {problem}"))?;
+        check_printable(printed_name, MAX_PRINTED_CHARACTERS)
+            .map_err(|problem| format!("the printed name: {problem}"))?;
         let password_hash = match (password, former) {
             (None, Some(former)) => former.password_hash.clone(),
             (password, _) => {

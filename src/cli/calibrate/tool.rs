@@ -259,7 +259,7 @@ fn describe_power(power: Option<Power>) -> String {
 }
 
 fn report_result(outcome: &mut Outcome, found: &CouponFit, coupons: &[Coupon]) {
-    let known_percent = 100.0 * found.preston_share_95(0.0);
+    let known_percent = 100.0 * found.relative_preston_error_95(0.0);
     let [wear, wear_95] = [found.decay_per_mm2, found.decay_95_per_mm2()].map(|per_mm2| per_mm2 * MM2_PER_M2);
     outcome.add_value("preston_mm2_per_n", json!(found.preston_mm2_per_n));
     outcome.add_value("preston_uncertainty_percent", json!(known_percent));
@@ -303,7 +303,7 @@ fn report_result(outcome: &mut Outcome, found: &CouponFit, coupons: &[Coupon]) {
     outcome.add_line("coupon            line   measured µm     predicted µm   off %".to_owned());
     let mut rows = Vec::with_capacity(coupons.len());
     for (coupon, one) in coupons.iter().zip(&found.left_out_coupons) {
-        let foretold = one.map(|one| (one.foretold_um, 100.0 * one.deviation, one.is_outlier));
+        let foretold = one.map(|one| (one.predicted_um, 100.0 * one.deviation, one.is_outlier));
         let (by_others, off, mark) =
             foretold.map_or(("none".to_owned(), "–".to_owned(), ""), |(um, off, is_out)| {
                 (
@@ -320,7 +320,7 @@ fn report_result(outcome: &mut Outcome, found: &CouponFit, coupons: &[Coupon]) {
         ));
         rows.push(json!({
             "coupon": coupon.name, "line": coupon.line, "depth_um": coupon.depth_um,
-            "foretold_um": one.map(|one| one.foretold_um), "interval_um": one.map(|one| one.interval_um),
+            "foretold_um": one.map(|one| one.predicted_um), "interval_um": one.map(|one| one.interval_um),
             "off_percent": one.map(|one| 100.0 * one.deviation), "outlier": one.map(|one| one.is_outlier),
         }));
     }

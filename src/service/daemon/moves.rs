@@ -335,18 +335,18 @@ impl LoopMemory<'_> {
                 let from: Rigid<Base, Tool> = state.base_from_tcp.to_rigid();
                 // For this motion the camera is the tool.
                 let to = Rigid::from_isometry_unchecked(*self.perception.corner_pose(cycle)?.isometry());
-                Some(routes::view(standing, (from, to), cycle.sander()))
+                Some(routes::gate_view(standing, (from, to), cycle.sander()))
             }
             Path::Approach => {
                 let to = routes::waypoints(self.abrasion.latest_plan()?).first()?.as_sent();
                 Some(routes::gate_air_motion(standing, place?, (pad, to), None))
             }
             Path::Contact => {
-                Some(routes::contact(standing, poses?, (pad, self.abrasion.plan(motion.plan)?), settings))
+                Some(routes::gate_contact_path(standing, poses?, (pad, self.abrasion.plan(motion.plan)?), settings))
             }
             Path::Air => {
                 let lifted = routes::lift_contact_points(self.abrasion.plan(motion.plan)?, settings.approach_mm());
-                Some(routes::contact(standing, poses?, (pad, &lifted), settings))
+                Some(routes::gate_contact_path(standing, poses?, (pad, &lifted), settings))
             }
             Path::Retract => {
                 let back = nalgebra::Vector3::z() * -settings.approach_mm();

@@ -231,7 +231,7 @@ impl LoopMemory<'_> {
             return Ok(false);
         }
         if let Some(contact_n) = self.press_state.contact_n(tool, downwards) {
-            self.trace.measured(contact_n);
+            self.trace.add_force(contact_n);
         }
         let Some(why) = lost.or_else(|| self.press_state.end_reason(tool, downwards, now)) else {
             return Ok(false);

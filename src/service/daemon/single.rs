@@ -240,7 +240,7 @@ impl<'r> SingleRobot<'r> {
         );
         require_accept(gated.judgement())?;
         for Mounted { name, flange_from_tip } in &self.mounted {
-            routes::mounted_follows(&standing, line.base.to_rigid(), &gated.points, *flange_from_tip).map_err(
+            routes::check_mounted_object(&standing, line.base.to_rigid(), &gated.points, *flange_from_tip).map_err(
                 |infeasible| gate(Reason { message: format!("with {name}: {}", infeasible.message), ..infeasible }),
             )?;
         }

@@ -6,7 +6,7 @@ use panelprep_base::number_text::{fixed_decimals, shortest_text};
 use panelprep_cell::cell::{Cell, CompliantTool, Intrinsics};
 use panelprep_cell::force::SensorLoad;
 use panelprep_cell::recipe::{Recipe, TreatBy};
-use panelprep_toolpath::removal::model::UNKNOWN;
+use panelprep_toolpath::removal::model::NO_MODEL_MESSAGE;
 
 /// A mismatch between the recipe's force and the tool.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -70,7 +70,7 @@ pub fn unmet_demands(cell: &Cell, recipe: &Recipe, read: ReadNamed<'_>) -> Vec<U
     let force = force_fits(cell.tool().compliant(), recipe).err();
     let force = force.map(|mismatch| UnmetRequirement::new("path.force_n", mismatch.to_string()));
     let is_unknown = recipe.removal().is_some() && cell.calibration().removal.is_none();
-    let removal = is_unknown.then(|| UnmetRequirement::new("removal", UNKNOWN));
+    let removal = is_unknown.then(|| UnmetRequirement::new("removal", NO_MODEL_MESSAGE));
     let outside = picture_px(cell, read).and_then(|size_px| corner_outside_picture(recipe, size_px));
     let treat = margin_fits(cell, recipe).err();
     force.into_iter().chain(removal).chain(feed_fits(cell, recipe).err()).chain(treat).chain(outside).collect()

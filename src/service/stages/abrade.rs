@@ -108,7 +108,7 @@ pub fn evaluate_abrasion(
 
 /// Returns those grids that the disc reached.
 fn overlapped(grids: Vec<GridDwell>) -> Vec<GridDwell> {
-    grids.into_iter().filter(|grid| grid.share() > 0.0).collect()
+    grids.into_iter().filter(|grid| grid.covered_fraction() > 0.0).collect()
 }
 
 /// Returns the limit of the distance of a measured pose from the planned path, mm. It includes the blending distance,
@@ -243,12 +243,12 @@ impl AbrasionResult {
         let finding = finding.with_checks(dwell.grids.iter().flat_map(|grid| {
             let id = grid.id;
             [
-                Check::new(format!("share of {id} under the disc"), "", grid.share()),
+                Check::new(format!("share of {id} under the disc"), "", grid.covered_fraction()),
                 Check::new(format!("of {id} left"), "mm²", grid.untreated_mm2()),
             ]
         }));
         let beside = self.beside.iter();
-        let of_beside = beside.map(|grid| Check::new(name::overlapped_share(grid.id), "", grid.share()));
+        let of_beside = beside.map(|grid| Check::new(name::overlapped_share(grid.id), "", grid.covered_fraction()));
         let finding = finding.with_checks(of_beside).with_checks(of_removal).with_checks(self.contact_forces());
         if self.incomplete.is_empty() {
             finding
@@ -282,7 +282,7 @@ fn longest_dwell(executed: &[GridDwell], planned: &[GridDwell]) -> Option<Longes
         let ratio = found.into_iter().zip(plan).map(ratio).fold(0.0, f64::max);
         LongestDwell { id: grid.id, ratio }
     };
-    let touched = executed.iter().filter(|grid| grid.share() > 0.0).map(of_grid);
+    let touched = executed.iter().filter(|grid| grid.covered_fraction() > 0.0).map(of_grid);
     touched.max_by(|a, b| a.ratio.total_cmp(&b.ratio))
 }
 
@@ -296,8 +296,8 @@ fn split_covered(plan: &Plan, dwell: &Dwell, done: u32) -> (Vec<GridId>, Vec<Gri
         let touched = path.waypoints.iter().take(reached).any(|waypoint| waypoint.contact);
         before += path.waypoints.len();
         for id in path.grids.iter().filter(|_| touched) {
-            let planned = plan.grids.iter().find(|grid| grid.id == *id).map_or(1.0, |grid| grid.share());
-            let found = dwell.grid(*id).map_or(0.0, |grid| grid.share());
+            let planned = plan.grids.iter().find(|grid| grid.id == *id).map_or(1.0, |grid| grid.covered_fraction());
+            let found = dwell.grid(*id).map_or(0.0, |grid| grid.covered_fraction());
             // The path of this area was interrupted before the disc reached this grid, or the grid was already listed
             // for another area.
             if found <= 0.0 || whole.contains(id) || begun.contains(id) {
@@ -330,7 +330,7 @@ mod tests {
         let kept = overlapped(vec![grid(1, [0.0; 4]), grid(2, [0.0, 0.0, 0.0, 0.2])]);
         // Calculated by hand: the disc reached one of four equal samples of the second grid.
         assert_eq!(
-            kept.iter().map(|one| (one.id.to_string(), one.share())).collect::<Vec<_>>(),
+            kept.iter().map(|one| (one.id.to_string(), one.covered_fraction())).collect::<Vec<_>>(),
             [("r1c2".to_owned(), 0.25)]
         );
     }

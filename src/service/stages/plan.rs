@@ -140,7 +140,7 @@ pub fn judge(
     let of_arm = [spin, room].into_iter().chain(pad).chain(stroke).chain([swept, worn]);
     let checks = of_path.into_iter().chain(size_checks(&plan)).chain(of_arm).chain(of_removal).collect();
     let plan = match &reached {
-        Some(reached) => panel_reach::turned_plan(&plan, reached.spin),
+        Some(reached) => panel_reach::plan_with_spin(&plan, reached.spin),
         None => plan,
     };
     PlanOutcome { plan, reached, disc, removed, checks, judgement }

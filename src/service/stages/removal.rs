@@ -156,7 +156,7 @@ impl<'a> RemovalInputs<'a> {
         let all = path_stretches(&self.fit.surface, poses, (&disc, force_n), &ground);
         let spacing_mm = (SAMPLE_SPACING_RADII * disc.pad.radius_mm)
             .clamp(SAMPLE_SPACING_LIMITS_MM[0], SAMPLE_SPACING_LIMITS_MM[1]);
-        let force_share = (asked.force_error_percent() / 100.0).hypot(model.force_law_share_95(force_n));
+        let force_share = (asked.force_error_percent() / 100.0).hypot(model.relative_force_law_error_95(force_n));
         let on = (&self.fit.surface, &self.panel.region, &ground as IsPanelAt<'_>);
         let own = removed(on, treated, &all, (&model, force_share), spacing_mm);
         // The target applies to one pass; the limit at each position applies to all passes on the part.

@@ -378,11 +378,11 @@ impl FormFigure<'_> {
         let Some(limit_mm) = self.limit_mm else { return number };
         let is_beyond = value_mm.is_nan() || value_mm > limit_mm;
         let code = if is_beyond { self.code } else { "form_uncertain" };
-        let is_proven = self.measured.is_surely_within(limit_mm);
+        let is_proven = self.measured.is_within_with_uncertainty(limit_mm);
         number.with_max(limit_mm, self.set_by.clone()).with_consequence_if(!is_proven, Severity::Review, code, || {
             let [value, limit] = distinguishable_texts(value_mm, limit_mm, 2);
             let (subject, uncertainty) = (&self.subject, fixed_decimals(uncertainty_mm, 2));
-            let remedy = match (is_beyond, self.measured.is_surely_beyond(limit_mm)) {
+            let remedy = match (is_beyond, self.measured.is_beyond_with_uncertainty(limit_mm)) {
                 (true, true) => "look at the deviation map; rework the panel, or accept it if this form is permitted",
                 (true, false) => {
                     "the uncertainty includes the limit: look at the deviation map, and measure the panel by other means"

@@ -9,8 +9,8 @@ use super::TrialScene;
 use super::contents::{MissingPatches, PrintedDiscs, SceneContents, sheet_points};
 use crate::appearance::dry_and_wet;
 use crate::cast::{CastView, PixelHit};
-use crate::noise::{LEVEL, NormalStream, RandomPurpose, ValueNoise, to_bytes};
-use crate::scanner::{LATTICE_HALF_WIDTH_MM, Projector, correlated_noise, measured};
+use crate::noise::{STEPS_PER_GRAY_LEVEL, NormalStream, RandomPurpose, ValueNoise, to_bytes};
+use crate::scanner::{LATTICE_HALF_WIDTH_MM, Projector, draw_correlated_noise, measure_point};
 use crate::scene;
 use crate::scene::{Background, Slab, SlabHit};
 use crate::shape::Shape;
@@ -33,7 +33,7 @@ impl TrialScene {
         let (width, height) = (view.width(), view.height());
         let mut points = vec![[f32::NAN; 3]; width * height];
         let mut colors = vec![[0_u8; 3]; width * height];
-        let correlated = correlated_noise(seed, self.correlation_length_mm);
+        let correlated = draw_correlated_noise(seed, self.correlation_length_mm);
         let puddles = ValueNoise::new(seed.stream(RandomPurpose::Scan, 2), 14.0, LATTICE_HALF_WIDTH_MM);
         let (eye, turn) = (base_from_camera.origin().mm, base_from_camera.rotation());
         let pixel_rad = 1.0 / self.camera.fx_px;
@@ -59,9 +59,9 @@ impl TrialScene {
                     glints.iter().any(|(at, r)| (panel.place[0] - at[0]).hypot(panel.place[1] - at[1]) < *r)
                 });
                 if glint {
-                    line[column] = [255 * LEVEL as u16; 3];
+                    line[column] = [255 * STEPS_PER_GRAY_LEVEL as u16; 3];
                 }
-                let mut point = measured(&sight, &projector, &correlated, &mut normal);
+                let mut point = measure_point(&sight, &projector, &correlated, &mut normal);
                 let lucky = chance.random::<f64>();
                 if veil.is_some_and(|share| (0.05..0.95).contains(&share)) && lucky < 0.75 || glint && lucky < 0.8 {
                     point = None;
@@ -84,7 +84,7 @@ impl TrialScene {
                 points[column] = point.unwrap_or([f32::NAN; 3]);
             });
             for (column, color) in colors.iter_mut().enumerate() {
-                *color = to_bytes(smear_pixel(&line, column, smear_px), noise, column);
+                *color = to_bytes(blur_pixel(&line, column, smear_px), noise, column);
             }
         });
         let scale = self.scale[usize::from(shot > 0)];
@@ -97,7 +97,7 @@ impl TrialScene {
 }
 
 /// Returns the mean of a pixel and its neighbours along the row: the motion blur.
-fn smear_pixel(line: &[[u16; 3]], column: usize, smear_px: usize) -> [u16; 3] {
+fn blur_pixel(line: &[[u16; 3]], column: usize, smear_px: usize) -> [u16; 3] {
     let (from, to) = (column.saturating_sub(smear_px / 2), (column + smear_px / 2).min(line.len() - 1));
     let count = (to - from + 1) as u32;
     std::array::from_fn(|channel| {
@@ -288,13 +288,13 @@ fn sides(shape: &Shape) -> impl Iterator<Item = PanelSide> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scanner::tests::before_the_plate;
+    use crate::scanner::tests::camera_pose_before_plate;
     use crate::scene::Slab;
     use nalgebra::{Point3, Vector3};
     use panelprep_base::geometry::{Pixel, Point};
 
     /// Returns the fraction of the pixels without a point in a column, among these rows.
-    fn missing(scan: &OrganizedCloud<Camera>, column: usize, rows: std::ops::Range<usize>) -> f64 {
+    fn missing_fraction(scan: &OrganizedCloud<Camera>, column: usize, rows: std::ops::Range<usize>) -> f64 {
         let count = rows.len() as f64;
         rows.filter(|&row| scan.point(column, row).is_none()).count() as f64 / count
     }
@@ -309,7 +309,7 @@ mod tests {
         let thing = Slab::facing(Point3::new(565.0, 0.0, 360.0), -Vector3::x(), 0.0, [40.0, 40.0], [100.0; 3]);
         let scan = trial.capture(
             None,
-            &before_the_plate(),
+            &camera_pose_before_plate(),
             SceneContents { slabs: &[thing], ..SceneContents::default() },
             0,
         );
@@ -319,13 +319,13 @@ mod tests {
         let (left, right) = (pixel(-40.0, 0.0, 600.0).u, pixel(40.0, 0.0, 600.0).u);
         let rows = 560..640;
         // Only columns between the fixture's posts, because the posts have their own shadows.
-        let dark: Vec<usize> = (790..1_160).filter(|&u| missing(&scan, u, rows.clone()) > 0.9).collect();
+        let dark: Vec<usize> = (790..1_160).filter(|&u| missing_fraction(&scan, u, rows.clone()) > 0.9).collect();
         let shadow = (pixel(-65.61, 0.0, 700.0).u, left);
         assert!((shadow.1 - shadow.0 - 48.3).abs() < 0.3, "{shadow:?}");
         assert!((dark.len() as f64 - (shadow.1 - shadow.0)).abs() <= 1.0, "{} columns", dark.len());
         assert!((dark[0] as f64 - shadow.0).abs() <= 1.0 && dark[dark.len() - 1] as f64 <= left, "{dark:?}");
-        assert!(missing(&scan, right.ceil() as usize + 2, rows.clone()) < 0.1);
-        assert!(missing(&scan, 972, rows) < 0.1, "the thing itself is lit");
+        assert!(missing_fraction(&scan, right.ceil() as usize + 2, rows.clone()) < 0.1);
+        assert!(missing_fraction(&scan, 972, rows) < 0.1, "the thing itself is lit");
         // The plate has its colour also in the shadow, and above the projector's light.
         let colors = scan.picture();
         let gray = |column: usize, row: usize| colors.rgb[row * scan.width() + column][0];
@@ -333,7 +333,7 @@ mod tests {
         for (middle, sign) in [(214.9, 1.0), (-214.9, -1.0)] {
             let edge = pixel(0.0, middle, 700.0).v;
             let row = |off: f64| (edge + sign * off).round() as usize;
-            assert!((962..982).all(|u| missing(&scan, u, row(1.0)..row(1.0) + 1) == 1.0), "row {}", row(1.0));
+            assert!((962..982).all(|u| missing_fraction(&scan, u, row(1.0)..row(1.0) + 1) == 1.0), "row {}", row(1.0));
             let lit = (962..982).filter(|&u| scan.point(u, row(-1.0)).is_some()).count();
             assert!(lit > 16, "{lit} of 20 in row {}", row(-1.0));
         }

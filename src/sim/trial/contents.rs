@@ -5,7 +5,7 @@
 //! of the dark surface around them.
 
 use crate::appearance::FixedColor;
-use crate::noise::{LEVEL, ValueNoise};
+use crate::noise::{STEPS_PER_GRAY_LEVEL, ValueNoise};
 use crate::scene::Slab;
 use crate::shape::Shape;
 use nalgebra::Vector2;
@@ -97,7 +97,7 @@ impl PrintedDiscs {
     /// covers.
     pub fn blend_paint(color: FixedColor, share: f64) -> FixedColor {
         color.map(|level| {
-            (f64::from(level) + share * (DISC_GRAY * f64::from(LEVEL) - f64::from(level))).round() as u16
+            (f64::from(level) + share * (DISC_GRAY * f64::from(STEPS_PER_GRAY_LEVEL) - f64::from(level))).round() as u16
         })
     }
 }
@@ -159,7 +159,7 @@ pub enum SceneDefect {
 }
 
 impl SceneDefect {
-    /// Every kind.
+    /// All defects, in the order of the enumeration.
     pub const ALL: &'static [SceneDefect] = <Self as VariantArray>::VARIANTS;
 
     /// Returns the defect's description for messages.

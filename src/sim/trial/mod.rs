@@ -16,7 +16,7 @@ use super::noise::{PixelNoise, Seed};
 use super::scene::Slab;
 use super::shape::{PanelBend, Shape};
 use super::truth::PlacementError;
-use super::variety::generator;
+use super::variety::trial_generator;
 use super::{scene, shape, variety};
 use contents::{PrintedDiscs, SceneContents, sheet_points};
 pub use contents::{SceneDefect, TRIAL_BOX_MM};
@@ -45,7 +45,7 @@ pub struct TrialScene {
     camera: PinholeCamera,
     rays: Rays,
     pixels: PixelNoise,
-    hidden_share: f64,
+    hidden_fraction: f64,
     is_held: bool,
     /// Fraction of the panel's points that are missing in patches.
     missing_share: f64,
@@ -71,9 +71,9 @@ impl TrialScene {
     /// Creates a good scene with a flat plate, whose sideways position only its outline determines.
     pub fn flat_scene(seed: u64, reduction: usize) -> TrialScene {
         let mut trial = TrialScene::good_scene(seed, reduction);
-        let panel = variety::Panel::random(&mut generator(Seed(seed), 0)).flat_copy();
+        let panel = variety::Panel::random(&mut trial_generator(Seed(seed), 0)).flat_copy();
         (trial.taught, trial.present) = (panel.shape(), Some(panel.shape()));
-        trial.draw_valid_pose(&mut generator(Seed(seed), 1), None);
+        trial.draw_valid_pose(&mut trial_generator(Seed(seed), 1), None);
         trial
     }
 
@@ -84,7 +84,7 @@ impl TrialScene {
 
     fn new(seed: Seed, wrong: Option<SceneDefect>, reduction: usize) -> TrialScene {
         let camera = scene::scanner(reduction);
-        let mut random = generator(seed, 0);
+        let mut random = trial_generator(seed, 0);
         let panel = match wrong {
             Some(SceneDefect::Symmetric) => variety::Panel::random_symmetric(&mut random),
             Some(SceneDefect::MirroredMarks) => variety::Panel::random_symmetric(&mut random).flat_copy(),
@@ -107,7 +107,7 @@ impl TrialScene {
             camera,
             rays: Rays::new(&camera),
             pixels: PixelNoise::new(seed),
-            hidden_share: 0.0,
+            hidden_fraction: 0.0,
             is_held: false,
             missing_share: 0.0,
             taught_marks: None,
@@ -117,9 +117,9 @@ impl TrialScene {
             second_panel: None,
             is_holder_moved: false,
         };
-        trial.draw_valid_pose(&mut generator(seed, 1), wrong);
+        trial.draw_valid_pose(&mut trial_generator(seed, 1), wrong);
         if let Some(wrong) = wrong {
-            trial.add_defect(&panel, wrong, &mut generator(seed, 2));
+            trial.add_defect(&panel, wrong, &mut trial_generator(seed, 2));
         }
         if wrong == Some(SceneDefect::MirroredMarks) { trial.with_mirrored_marks() } else { trial }
     }
@@ -140,8 +140,8 @@ impl TrialScene {
     }
 
     /// Returns the fraction of the panel that the 3D camera does not see: hidden, in shadow, or outside of the picture.
-    pub fn hidden_share(&self) -> f64 {
-        self.hidden_share
+    pub fn hidden_fraction(&self) -> f64 {
+        self.hidden_fraction
     }
 
     /// Returns the true pose of the panel.
@@ -277,7 +277,7 @@ mod tests {
     fn good_trials_meet_their_conditions() {
         for seed in 0..6 {
             let trial = TrialScene::good_scene(seed, 4);
-            assert!(trial.hidden_share() < 0.2, "{}", trial.hidden_share());
+            assert!(trial.hidden_fraction() < 0.2, "{}", trial.hidden_fraction());
             let scan = trial.scan();
             let camera_from_base = trial.base_from_camera().inverse();
             let (mut near, mut seen) = (0, 0);
@@ -294,8 +294,8 @@ mod tests {
 
     #[test]
     fn defective_trials_have_their_defect() {
-        assert!(TrialScene::defective_scene(1, SceneDefect::Hidden, 8).hidden_share() > 0.4);
-        assert!(TrialScene::defective_scene(1, SceneDefect::OutOfView, 8).hidden_share() > 0.35);
+        assert!(TrialScene::defective_scene(1, SceneDefect::Hidden, 8).hidden_fraction() > 0.4);
+        assert!(TrialScene::defective_scene(1, SceneDefect::OutOfView, 8).hidden_fraction() > 0.35);
         let wet = TrialScene::defective_scene(1, SceneDefect::Wet, 8).scan().valid_points().count();
         assert!(wet < TrialScene::good_scene(1, 8).scan().valid_points().count());
         let moved = TrialScene::defective_scene(1, SceneDefect::CameraMoved, 8);

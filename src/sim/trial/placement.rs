@@ -40,7 +40,7 @@ impl TrialScene {
             self.place = make_pose(centre, turn_deg, tilt_deg, random.random_range(0.0..std::f64::consts::TAU));
             // A panel that is partly out of view may also be partly outside of the box.
             let axes = if wrong == Some(SceneDefect::OutOfView) { 0..1 } else { 0..3 };
-            if !self.is_valid_place(&self.place, &lattice, axes) {
+            if !self.is_valid_pose(&self.place, &lattice, axes) {
                 continue;
             }
             self.slabs = add_distractors(random, &self.place);
@@ -52,8 +52,8 @@ impl TrialScene {
             for _ in 0..covers {
                 self.slabs.push(self.occluding_slab(random, &lattice, wrong == Some(SceneDefect::Hidden)));
             }
-            self.hidden_share = self.hidden_share_at(&self.place, &lattice);
-            if share.contains(&self.hidden_share) {
+            self.hidden_fraction = self.hidden_fraction_at(&self.place, &lattice);
+            if share.contains(&self.hidden_fraction) {
                 break;
             }
         }
@@ -88,7 +88,7 @@ impl TrialScene {
 
     /// Returns whether a panel at this pose is inside of the box along these axes, in front of the fixture, and facing
     /// the camera.
-    fn is_valid_place(&self, place: &Rigid<Base, Panel>, lattice: &[[f64; 2]], axes: Range<usize>) -> bool {
+    fn is_valid_pose(&self, place: &Rigid<Base, Panel>, lattice: &[[f64; 2]], axes: Range<usize>) -> bool {
         let [low, high] = TRIAL_BOX_MM;
         let is_inside = |&at: &[f64; 2]| {
             let p = (*place * self.taught.point(at)).mm;
@@ -98,7 +98,7 @@ impl TrialScene {
     }
 
     /// Returns the fraction of these points of a panel at this pose that the camera or the projector does not see.
-    fn hidden_share_at(&self, place: &Rigid<Base, Panel>, lattice: &[[f64; 2]]) -> f64 {
+    fn hidden_fraction_at(&self, place: &Rigid<Base, Panel>, lattice: &[[f64; 2]]) -> f64 {
         let base_from_camera = scene::base_from_camera();
         let camera_from_base = base_from_camera.inverse();
         let eye = base_from_camera.origin().mm;
@@ -213,7 +213,7 @@ impl TrialScene {
             Rigid::from_isometry_unchecked(about * self.place.isometry())
         };
         (0..MAX_DRAWS).map(draw).find(|place| {
-            self.is_valid_place(place, &lattice, 0..3) && self.hidden_share_at(place, &lattice) < MAX_HIDDEN
+            self.is_valid_pose(place, &lattice, 0..3) && self.hidden_fraction_at(place, &lattice) < MAX_HIDDEN
         })
     }
 }

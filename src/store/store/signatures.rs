@@ -16,7 +16,7 @@ use crate::signing::{
     CHAIN_START_HASH, CellKey, HEAD_FORMAT, Meaning, PersonSignature, STATEMENT_FORMAT, SignedChainPosition,
     SignedCycle, SignedHead, SigningError, StatedValues, Statement, StatementContent,
 };
-use panelprep_base::number_text::{printable, utc_text};
+use panelprep_base::number_text::{check_printable, utc_text};
 use panelprep_cell::files::hex;
 use panelprep_cell::record::CycleId;
 use rusqlite::{Connection, OptionalExtension, Row, params};
@@ -146,7 +146,7 @@ impl Store {
         for (what, text) in texts.into_iter().chain(signs.values.named()) {
             // The texts are checked because they will be printed.
             let Some(text) = text else { continue };
-            printable(text, MAX_TEXT_CHARACTERS).map_err(|problem| {
+            check_printable(text, MAX_CHARACTERS).map_err(|problem| {
                 let found = text.escape_debug().to_string();
                 StoreError::Unsignable { what, found, problem }
             })?;

@@ -19,11 +19,11 @@ use std::sync::Arc;
 /// The arm with its start pose, its camera and its sander, for the motion to the taught corners.
 #[derive(Debug, Clone, Copy)]
 pub struct CornerTour<'a> {
-    /// The cell's limits.
+    /// The limits of the cell's file.
     pub limits: &'a Limits,
-    /// The arm.
+    /// The arm of the cell's file.
     pub arm: &'a cell::Arm,
-    /// Its park pose.
+    /// Axis angles of the park pose.
     pub park: Joints,
     /// `[poses.ready]`: an intermediate pose on the way to and from the park pose, if the cell's file has one.
     pub ready: Option<Joints>,
@@ -31,14 +31,14 @@ pub struct CornerTour<'a> {
     pub flange_from_camera: Rigid<Flange, FlangeCamera>,
     /// The sander, which must keep its distances from the obstacles during the camera's motion.
     pub sander: Sander,
-    /// The taught corners.
+    /// The corners that were taught, with their views.
     pub corners: &'a [TaughtCorner],
 }
 
 /// The panel's pose, the corners that are viewed before contact, and the obstacles on the way to these corners.
 #[derive(Debug, Clone, Copy)]
 pub struct Approach<'a> {
-    /// The place.
+    /// The panel's present pose.
     pub base_from_panel: Rigid<Base, Panel>,
     /// Numbers of the taught corners, from 0, in the order in which they are viewed.
     pub corners: &'a [usize],
@@ -142,7 +142,7 @@ impl<'a> CornerTour<'a> {
         );
         let (limits, arm, obstacles) = (self.limits, self.arm, panel.obstacles);
         let standing = StartState { limits, arm, flange_from_tool, joints: at, obstacles };
-        let gated = routes::view(&standing, (from, to), self.sander);
+        let gated = routes::gate_view(&standing, (from, to), self.sander);
         let refused = gated.judgement().reasons.into_iter().next();
         let on_the_way = |reason: Reason| Reason {
             message: format!("on the motion to corner {}: {}", corner + 1, reason.message),

@@ -19,20 +19,20 @@ use panelprep_cell::recipe;
 
 /// Maximum number of times that the lines of an area are laid again because the disc reaches too far beyond the
 /// outline, or because lines are too far apart.
-const MAX_RELAY_ROUNDS: usize = 16;
+const MAX_LAYING_ROUNDS: usize = 16;
 /// Distance by which lines are moved inwards in addition to the disc's overhang beyond its limit, mm. The overhang that
 /// remains after a round must be less than this.
-const OUTLINE_CLEAR_MM: f64 = 0.01;
+const ADDITIONAL_INSET_MM: f64 = 0.01;
 /// Additional factor on the calculated distance between lines if they are too far apart.
 const SPACING_REDUCTION: f64 = 0.999;
 /// Number of points along each side of a patch at which its curvature is evaluated.
-const CURVATURE_PLACES: usize = 6;
+const CURVATURE_STEPS_PER_SIDE: usize = 6;
 /// Length of the motion over a patch that the disc covers from one point, in disc radii. The disc moves, so that it
 /// does not land and lift off at the same point.
-const STROKE_RADII: f64 = 0.5;
+const SHORT_MOTION_RADII: f64 = 0.5;
 /// Maximum number of times that the length of this motion is halved because the disc would reach too far beyond the
 /// outline.
-const MAX_STROKE_HALVINGS: usize = 3;
+const MAX_SHORT_MOTION_HALVINGS: usize = 3;
 
 /// A patch of the surface that is sanded with one path.
 #[derive(Debug, Clone, PartialEq)]
@@ -196,18 +196,18 @@ pub(super) fn make_piece(
             .map_err(|cause| PlanError::Raster { grid: first_grid(&area), cause })?;
         let Lines { mut track, neighbours } = laid;
         if let [only] = track[..] {
-            track = short_motion(surface, only, (outline, settings));
+            track = plan_short_motion(surface, only, (outline, settings));
         }
         let on_track = on_surface(&track);
         let overhangs_mm: Vec<f64> =
             on_track.iter().map(|contact| outline.overhang_mm(*contact, radius_mm)).collect();
         round += 1;
-        if round < MAX_RELAY_ROUNDS && outline.is_present() {
+        if round < MAX_LAYING_ROUNDS && outline.is_present() {
             let allowed_mm = settings.edge_overhang_mm();
             let mut beyond = false;
             for ((at, point), mm) in track.iter().zip(&on_track).zip(&overhangs_mm) {
                 if let Some(outward) = outline.outward_direction(*point).filter(|_| *mm > allowed_mm) {
-                    insets.require_distance(&surface.tangents(*at), outward, mm - allowed_mm + OUTLINE_CLEAR_MM);
+                    insets.require_distance(&surface.tangents(*at), outward, mm - allowed_mm + ADDITIONAL_INSET_MM);
                     beyond = true;
                 }
             }
@@ -219,21 +219,21 @@ pub(super) fn make_piece(
         let beside = |[line, next]: &[Vec<Parameter>; 2]| step_overs_mm(&on_surface(line), &on_surface(next));
         let step_overs_mm: Vec<f64> = neighbours.iter().flat_map(beside).collect();
         let widest_mm = step_overs_mm.iter().copied().fold(0.0, f64::max);
-        if round < MAX_RELAY_ROUNDS && widest_mm > settings.step_over_mm() {
+        if round < MAX_LAYING_ROUNDS && widest_mm > settings.step_over_mm() {
             step_over_mm *= SPACING_REDUCTION * settings.step_over_mm() / widest_mm;
             continue;
         }
         let contact: Vec<bool> = track.iter().map(|at| there(*at)).collect();
         let coverage = covered(&on_track, &contact);
-        let short = coverage.iter().any(|grid| grid.share() < MIN_COVERAGE);
-        if !(round < MAX_RELAY_ROUNDS && short && insets.release_sides()) {
+        let short = coverage.iter().any(|grid| grid.covered_fraction() < MIN_COVERAGE);
+        if !(round < MAX_LAYING_ROUNDS && short && insets.release_sides()) {
             return Ok(Piece { area, track, contact, spacing_mm, coverage, step_overs_mm, overhangs_mm });
         }
     }
 }
 
 /// Returns a short motion over one point, along u or v: the direction in which less of the disc leaves the panel.
-fn short_motion(
+fn plan_short_motion(
     surface: &BSplineSurface,
     at: Parameter,
     (outline, settings): (&Outline, &recipe::Path),
@@ -247,9 +247,9 @@ fn short_motion(
     let overhang_mm = |ends: &[Parameter; 2]| {
         ends.iter().map(|end| outline.overhang_mm(surface.point(*end), radius_mm)).fold(0.0, f64::max)
     };
-    let mut best = ends(STROKE_RADII * radius_mm / 2.0, true);
-    for half in 0..=MAX_STROKE_HALVINGS {
-        let half_mm = STROKE_RADII * radius_mm / 2.0 / f64::powi(2.0, half as i32);
+    let mut best = ends(SHORT_MOTION_RADII * radius_mm / 2.0, true);
+    for half in 0..=MAX_SHORT_MOTION_HALVINGS {
+        let half_mm = SHORT_MOTION_RADII * radius_mm / 2.0 / f64::powi(2.0, half as i32);
         for along_u in [true, false] {
             let ends = ends(half_mm, along_u);
             if overhang_mm(&ends) < overhang_mm(&best) {
@@ -267,11 +267,11 @@ fn short_motion(
 /// more than the recipe's limit. A chord of length s deviates from a curvature κ by κ s² / 8.
 fn spacing_mm(surface: &BSplineSurface, patch: &ParameterPatch, settings: &recipe::Path) -> f64 {
     let mut bend: f64 = 0.0;
-    for n in 0..=CURVATURE_PLACES * CURVATURE_PLACES {
-        let share = |index: usize| index as f64 / CURVATURE_PLACES as f64;
+    for n in 0..=CURVATURE_STEPS_PER_SIDE * CURVATURE_STEPS_PER_SIDE {
+        let share = |index: usize| index as f64 / CURVATURE_STEPS_PER_SIDE as f64;
         let at = patch.parameter_at(Parameter {
-            u: share(n % (CURVATURE_PLACES + 1)).min(1.0),
-            v: share(n / (CURVATURE_PLACES + 1)),
+            u: share(n % (CURVATURE_STEPS_PER_SIDE + 1)).min(1.0),
+            v: share(n / (CURVATURE_STEPS_PER_SIDE + 1)),
         });
         if let Some(bends) = surface.principal_curvatures(&surface.derivatives(at)) {
             bend = bends.iter().fold(bend, |most, one| most.max(one.abs()));
@@ -292,7 +292,7 @@ mod tests {
         Region::new(Recipe::check("f", text).unwrap_or_else(|e| panic!("{e}")).region()).expect("convex")
     }
 
-    fn joined(names: &[&str]) -> Vec<String> {
+    fn joined_grid_names(names: &[&str]) -> Vec<String> {
         let grids: Vec<GridId> = names.iter().map(|name| name.parse().expect("a grid")).collect();
         let words = |area: &Area| area.grids.iter().map(ToString::to_string).collect::<Vec<_>>().join(" ");
         areas(&region(), &grids, true).iter().map(words).collect()
@@ -300,8 +300,8 @@ mod tests {
 
     #[test]
     fn a_block_is_one_area_and_an_l_is_two() {
-        assert_eq!(joined(&["r2c3", "r1c2", "r1c3", "r2c2"]), ["r1c2 r1c3 r2c2 r2c3"]);
-        assert_eq!(joined(&["r1c1", "r2c1", "r2c2", "r3c5"]), ["r1c1", "r2c1 r2c2", "r3c5"]);
+        assert_eq!(joined_grid_names(&["r2c3", "r1c2", "r1c3", "r2c2"]), ["r1c2 r1c3 r2c2 r2c3"]);
+        assert_eq!(joined_grid_names(&["r1c1", "r2c1", "r2c2", "r3c5"]), ["r1c1", "r2c1 r2c2", "r3c5"]);
         let block = areas(&region(), &[GridId { row: 2, column: 3 }, GridId { row: 2, column: 4 }], true);
         let (low, high) = (block[0].patch.low, block[0].patch.high);
         assert!((low.u - 0.4).abs() < 1e-12 && (high.u - 0.8).abs() < 1e-12 && (high.v - 2.0 / 3.0).abs() < 1e-12);

@@ -77,14 +77,14 @@ impl Group {
     /// Returns the areas of the group's breaks: boxes around the breaks, or the group's whole grids if the boxes are
     /// not smaller.
     fn areas(&self, on: AreaSettings<'_>) -> Vec<ParameterPatch> {
-        let boxes = lay_boxes(on.surface, self.boxes.clone(), on.distances);
-        on.cheaper_of(boxes, &self.grids)
+        let boxes = arrange_boxes(on.surface, self.boxes.clone(), on.distances);
+        on.cheaper_areas(boxes, &self.grids)
     }
 }
 
 impl AreaSettings<'_> {
     /// Returns `areas`, or the grids if the areas are not smaller and cheaper.
-    fn cheaper_of(&self, areas: Vec<ParameterPatch>, grids: &BTreeSet<GridId>) -> Vec<ParameterPatch> {
+    fn cheaper_areas(&self, areas: Vec<ParameterPatch>, grids: &BTreeSet<GridId>) -> Vec<ParameterPatch> {
         let grids: Vec<GridId> = grids.iter().copied().collect();
         let grids = rectangles(self.region, &grids, self.join_grids);
         let grids: Vec<ParameterPatch> = grids.into_iter().map(|area| area.patch).collect();
@@ -101,30 +101,30 @@ pub fn around_breaks(
     distances: Distances,
 ) -> Treated {
     let on = AreaSettings { surface, region, distances, join_grids: breaks.join_grids };
-    let pieces = pieces(region, breaks);
+    let pieces = find_breaks(region, breaks);
     let in_pieces: BTreeSet<GridId> = pieces.iter().flatten().filter_map(|pixel| region.grid_at(*pixel)).collect();
     let is_whole = |id: &&GridId| breaks.whole.contains(id) || !in_pieces.contains(id);
     let whole = breaks.failed.iter().filter(is_whole).filter_map(|id| {
         Some(Group { boxes: vec![ParameterPatch::for_grid(region, *id)?], grids: BTreeSet::from([*id]) })
     });
     let of_piece = |pixels: &Vec<Pixel>| {
-        let outline = corners(region, pixels);
-        let wide = clipped(enlarge_box(surface, bounds(&outline), distances.margin_mm));
-        let wide = at_least(surface, wide, distances.least_mm);
-        let own = with_whole_parts(surface, region, wide);
-        Group { boxes: vec![own], grids: replaced(on, pixels, breaks.failed) }
+        let outline = pixel_corners(region, pixels);
+        let wide = clip_to_region(enlarge_box(surface, bounds(&outline), distances.margin_mm));
+        let wide = enlarge_to_side(surface, wide, distances.least_mm);
+        let own = extend_to_whole_parts(surface, region, wide);
+        Group { boxes: vec![own], grids: replaced_grids(on, pixels, breaks.failed) }
     };
     let groups = merge_groups(whole.chain(pieces.iter().map(of_piece)).collect(), |one, other| {
         !one.grids.is_disjoint(&other.grids)
     });
     let areas =
-        arrange_groups(on, groups).into_iter().flat_map(|area| without(region, area, breaks.spared)).collect();
+        arrange_groups(on, groups).into_iter().flat_map(|area| parts_not_spared(region, area, breaks.spared)).collect();
     let broken = pieces.iter().flatten().map(|pixel| parameter(region, *pixel)).collect();
     Treated::from_areas(region, areas, broken)
 }
 
 /// Returns the grids that would be treated instead of a box around this break.
-fn replaced(on: AreaSettings<'_>, pixels: &[Pixel], failed: &[GridId]) -> BTreeSet<GridId> {
+fn replaced_grids(on: AreaSettings<'_>, pixels: &[Pixel], failed: &[GridId]) -> BTreeSet<GridId> {
     let region = on.region;
     let grids: BTreeSet<GridId> = pixels.iter().filter_map(|pixel| region.grid_at(*pixel)).collect();
     let (mut found, others): (BTreeSet<GridId>, BTreeSet<GridId>) =
@@ -183,11 +183,11 @@ fn arrange_groups(on: AreaSettings<'_>, groups: Vec<Group>) -> Vec<ParameterPatc
         }
     };
     // Adjacent grids of different groups may cost less if they are treated together.
-    on.cheaper_of(areas, &groups.into_iter().flat_map(|group| group.grids).collect())
+    on.cheaper_areas(areas, &groups.into_iter().flat_map(|group| group.grids).collect())
 }
 
 /// Returns the pixels of each break that concerns a failed grid, without the pixels of grids that are spared.
-fn pieces(region: &Region, breaks: &Breaks<'_>) -> Vec<Vec<Pixel>> {
+fn find_breaks(region: &Region, breaks: &Breaks<'_>) -> Vec<Vec<Pixel>> {
     let pixel =
         |index: usize| Pixel::at((index % breaks.broken.width) as f64, (index / breaks.broken.width) as f64);
     let of_grids = |piece: Vec<usize>| -> Vec<(GridId, Pixel)> {
@@ -205,7 +205,7 @@ fn parameter(region: &Region, pixel: Pixel) -> Parameter {
 }
 
 /// Returns the corners of these pixels. A pixel is a square with sides of 1 px around its centre.
-fn corners(region: &Region, pixels: &[Pixel]) -> Vec<Parameter> {
+fn pixel_corners(region: &Region, pixels: &[Pixel]) -> Vec<Parameter> {
     let around = [(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)];
     let of_pixel = |pixel: &Pixel| around.map(|(u, v)| parameter(region, Pixel::at(pixel.u + u, pixel.v + v)));
     pixels.iter().flat_map(of_pixel).collect()
@@ -220,7 +220,7 @@ fn bounds(places: &[Parameter]) -> ParameterPatch {
 
 /// Enlarges a box inside of the region so that its sides have at least this length, mm. The box grows equally on both
 /// sides; at the region's border it grows only inwards.
-fn at_least(surface: &BSplineSurface, patch: ParameterPatch, side_mm: f64) -> ParameterPatch {
+fn enlarge_to_side(surface: &BSplineSurface, patch: ParameterPatch, side_mm: f64) -> ParameterPatch {
     let [least_u, least_v] = least_scale(surface, patch).map(|mm| side_mm / mm);
     let side = |low: f64, high: f64, least: f64| {
         let by = ((least - (high - low)) / 2.0).max(0.0);
@@ -237,7 +237,7 @@ fn at_least(surface: &BSplineSurface, patch: ParameterPatch, side_mm: f64) -> Pa
 /// Enlarges a box so that it extends into each of its grids by at least [`MIN_PART_MM`], and leaves either at least
 /// this length of a grid or nothing. If the box is cut at its border later, the parts in the grids are then not
 /// narrower either.
-fn with_whole_parts(surface: &BSplineSurface, region: &Region, patch: ParameterPatch) -> ParameterPatch {
+fn extend_to_whole_parts(surface: &BSplineSurface, region: &Region, patch: ParameterPatch) -> ParameterPatch {
     let [least_u, least_v] = least_scale(surface, patch).map(|mm| MIN_PART_MM / mm);
     let low = |at: f64, count: usize, least: f64| {
         let [before, after] = [(at * count as f64).floor(), (at * count as f64).ceil()].map(|n| n / count as f64);
@@ -265,7 +265,7 @@ fn with_whole_parts(surface: &BSplineSurface, region: &Region, patch: ParameterP
 }
 
 /// Returns the parts of an area in the grids that are not spared; the whole area if none of its grids is spared.
-fn without(region: &Region, area: ParameterPatch, spared: &[GridId]) -> Vec<ParameterPatch> {
+fn parts_not_spared(region: &Region, area: ParameterPatch, spared: &[GridId]) -> Vec<ParameterPatch> {
     let spared: BTreeSet<GridId> = spared.iter().copied().collect();
     let parts: Vec<(GridId, ParameterPatch)> =
         region.ids().filter_map(|id| Some((id, area.part_in(region, id)?))).collect();
@@ -296,7 +296,7 @@ fn union(a: ParameterPatch, b: ParameterPatch) -> ParameterPatch {
     }
 }
 
-fn clipped(patch: ParameterPatch) -> ParameterPatch {
+fn clip_to_region(patch: ParameterPatch) -> ParameterPatch {
     let inside = |at: Parameter| Parameter { u: at.u.clamp(0.0, 1.0), v: at.v.clamp(0.0, 1.0) };
     ParameterPatch { low: inside(patch.low), high: inside(patch.high) }
 }
@@ -312,7 +312,7 @@ fn enlarge_box(surface: &BSplineSurface, patch: ParameterPatch, by_mm: f64) -> P
     };
     // The scale is evaluated again over the larger box, because the surface beside a break may be smaller per unit of
     // the parameters.
-    by(least_scale(surface, clipped(by(least_scale(surface, patch)))))
+    by(least_scale(surface, clip_to_region(by(least_scale(surface, patch)))))
 }
 
 /// Returns the minimum length on the surface per unit of u, perpendicular to the lines of constant u, and the same for
@@ -339,7 +339,7 @@ fn is_less(surface: &BSplineSurface, boxes: &[ParameterPatch], others: &[Paramet
 
 /// Returns the cost of boxes, mm²: the surface of each box with a margin of the disc's reach, inside of the region.
 fn cost_mm2(surface: &BSplineSurface, boxes: &[ParameterPatch], reach_mm: f64) -> f64 {
-    boxes.iter().map(|patch| area_mm2(surface, clipped(enlarge_box(surface, *patch, reach_mm)))).sum()
+    boxes.iter().map(|patch| area_mm2(surface, clip_to_region(enlarge_box(surface, *patch, reach_mm)))).sum()
 }
 
 fn area_mm2(surface: &BSplineSurface, patch: ParameterPatch) -> f64 {
@@ -352,13 +352,13 @@ fn area_mm2(surface: &BSplineSurface, patch: ParameterPatch) -> f64 {
 
 /// Merges boxes and cuts them at each other, so that they overlap by at most the disc's reach. Together they contain
 /// all original boxes.
-pub(super) fn lay_boxes(
+pub(super) fn arrange_boxes(
     surface: &BSplineSurface,
     mut boxes: Vec<ParameterPatch>,
     distances: Distances,
 ) -> Vec<ParameterPatch> {
     loop {
-        boxes = joined(surface, boxes, distances);
+        boxes = merge_near_boxes(surface, boxes, distances);
         match cut_apart(surface, boxes.iter().copied().enumerate().collect(), distances) {
             Ok(parts) => return parts,
             Err([one, other]) => {
@@ -370,7 +370,7 @@ pub(super) fn lay_boxes(
 }
 
 /// Merges boxes that overlap or are close together if the merged box costs no more than the two boxes.
-fn joined(surface: &BSplineSurface, boxes: Vec<ParameterPatch>, distances: Distances) -> Vec<ParameterPatch> {
+fn merge_near_boxes(surface: &BSplineSurface, boxes: Vec<ParameterPatch>, distances: Distances) -> Vec<ParameterPatch> {
     let cost = |boxes: &[ParameterPatch]| cost_mm2(surface, boxes, distances.reach_mm);
     let is_joined = |one: ParameterPatch, other: ParameterPatch| {
         is_near(surface, one, other, distances) && cost(&[union(one, other)]) <= cost(&[one, other])
@@ -388,10 +388,10 @@ fn joined(surface: &BSplineSurface, boxes: Vec<ParameterPatch>, distances: Dista
 
 /// Returns whether the gap between two boxes is small enough for a merge.
 fn is_near(surface: &BSplineSurface, one: ParameterPatch, other: ParameterPatch, distances: Distances) -> bool {
-    meets(enlarge_box(surface, one, distances.join_mm), other)
+    do_boxes_meet(enlarge_box(surface, one, distances.join_mm), other)
 }
 
-fn meets(a: ParameterPatch, b: ParameterPatch) -> bool {
+fn do_boxes_meet(a: ParameterPatch, b: ParameterPatch) -> bool {
     a.low.u < b.high.u && b.low.u < a.high.u && a.low.v < b.high.v && b.low.v < a.high.v
 }
 
@@ -408,12 +408,12 @@ fn cut_apart(
         let pairs = (0..all.len()).flat_map(|one| (one + 1..all.len()).map(move |other| [one, other]));
         pairs
             .filter(|[one, other]| all[*one].0 != all[*other].0)
-            .find(|[one, other]| is_deep(surface, all[*one].1, all[*other].1, distances.reach_mm))
+            .find(|[one, other]| overlaps_beyond_reach(surface, all[*one].1, all[*other].1, distances.reach_mm))
     };
     while let Some([one, other]) = overlap(&all) {
         let (owners, boxes) = ([all[one].0, all[other].0], [all[one].1, all[other].1]);
         let least_mm = distances.least_mm / 2.0;
-        let Some((is_first_cut, parts)) = cut(surface, boxes, least_mm) else {
+        let Some((is_first_cut, parts)) = cut_one_box(surface, boxes, least_mm) else {
             return Err([owners[0].min(owners[1]), owners[0].max(owners[1])]);
         };
         let (cut, owner) = if is_first_cut { (one, owners[0]) } else { (other, owners[1]) };
@@ -424,8 +424,8 @@ fn cut_apart(
 }
 
 /// Returns whether two boxes overlap by more than this distance on both sides, mm.
-fn is_deep(surface: &BSplineSurface, a: ParameterPatch, b: ParameterPatch, reach_mm: f64) -> bool {
-    meets(a, b) && {
+fn overlaps_beyond_reach(surface: &BSplineSurface, a: ParameterPatch, b: ParameterPatch, reach_mm: f64) -> bool {
+    do_boxes_meet(a, b) && {
         let both = ParameterPatch {
             low: Parameter { u: a.low.u.max(b.low.u), v: a.low.v.max(b.low.v) },
             high: Parameter { u: a.high.u.min(b.high.u), v: a.high.v.min(b.high.v) },
@@ -441,14 +441,14 @@ fn least_side_mm(surface: &BSplineSurface, patch: ParameterPatch) -> f64 {
 
 /// Decides which of two overlapping boxes is cut: true for the first, false for the second. Also returns the parts of
 /// the cut box beside the other box. `None` if each cut leaves a part with a side below this length, mm.
-fn cut(
+fn cut_one_box(
     surface: &BSplineSurface,
     [first, second]: [ParameterPatch; 2],
     least_mm: f64,
 ) -> Option<(bool, Vec<ParameterPatch>)> {
     let ways = [(false, second, first), (true, first, second)]
         .into_iter()
-        .flat_map(|(is_first, own, other)| [true, false].map(|by_rows| (is_first, beside(own, other, by_rows))));
+        .flat_map(|(is_first, own, other)| [true, false].map(|by_rows| (is_first, parts_beside(own, other, by_rows))));
     let least = |parts: &[ParameterPatch]| {
         parts.iter().map(|part| least_side_mm(surface, *part)).fold(f64::INFINITY, f64::min)
     };
@@ -458,7 +458,7 @@ fn cut(
 
 /// Returns the parts of a box beside another box. With `by_rows`, the parts above and below have the full width;
 /// otherwise the parts on the left and on the right have the full height.
-fn beside(own: ParameterPatch, other: ParameterPatch, by_rows: bool) -> Vec<ParameterPatch> {
+fn parts_beside(own: ParameterPatch, other: ParameterPatch, by_rows: bool) -> Vec<ParameterPatch> {
     let within = |low: f64, high: f64, at: f64| at.max(low).min(high);
     let [u_low, u_high] = [other.low.u, other.high.u].map(|u| within(own.low.u, own.high.u, u));
     let [v_low, v_high] = [other.low.v, other.high.v].map(|v| within(own.low.v, own.high.v, v));

@@ -18,15 +18,15 @@ use rayon::prelude::*;
 /// Minimum covered fraction of each grid, 0…1.
 pub const MIN_COVERAGE: f64 = 0.995;
 /// Approximate distance between sample points, mm.
-const SAMPLE_MM: f64 = 1.0;
+const SAMPLE_DISTANCE_MM: f64 = 1.0;
 
 /// Number of outline points in one bounding sphere.
-const BLOCK: usize = 32;
+const OUTLINE_BLOCK_SIZE: usize = 32;
 
 /// The coverage of a grid, or of the treated part of a grid.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GridCoverage {
-    /// The grid.
+    /// The grid to which the coverage belongs.
     pub id: GridId,
     /// The area of the grid or part on the surface, mm².
     pub area_mm2: f64,
@@ -35,8 +35,8 @@ pub struct GridCoverage {
 }
 
 impl GridCoverage {
-    /// Covered share, 0…1.
-    pub fn share(&self) -> f64 {
+    /// Returns the covered fraction of the area, 0…1.
+    pub fn covered_fraction(&self) -> f64 {
         self.covered_mm2 / self.area_mm2
     }
 }
@@ -59,14 +59,14 @@ pub(super) fn coverage(
     radius_mm: f64,
 ) -> GridCoverage {
     let middle = surface.tangents(patch.parameter_at(Parameter { u: 0.5, v: 0.5 }));
-    let samples = |length_mm: f64| (length_mm / SAMPLE_MM).ceil().max(1.0) as usize;
+    let samples = |length_mm: f64| (length_mm / SAMPLE_DISTANCE_MM).ceil().max(1.0) as usize;
     let across = samples(middle.s_u.mm.norm() * (patch.high.u - patch.low.u));
     let down = samples(middle.s_v.mm.norm() * (patch.high.v - patch.low.v));
     // Only the segments near the grid are used, because the track may be long.
     let corners = [0.0, 1.0].map(|u| [0.0, 1.0].map(|v| surface.point(patch.parameter_at(Parameter { u, v }))));
     let reach_mm = corners.iter().flatten().map(|corner| corner.distance_mm(middle.point)).fold(0.0, f64::max);
     let near = |piece: &&ContactSegment| {
-        foot_fraction(middle.point, piece.0, piece.1).1 <= 1.1 * reach_mm + radius_mm + SAMPLE_MM
+        foot_fraction(middle.point, piece.0, piece.1).1 <= 1.1 * reach_mm + radius_mm + SAMPLE_DISTANCE_MM
     };
     let track: Vec<&ContactSegment> = strokes.iter().filter(near).collect();
     let cell = (patch.high.u - patch.low.u) * (patch.high.v - patch.low.v) / (across * down) as f64;
@@ -92,7 +92,7 @@ pub(super) fn coverage(
 }
 
 /// Returns the fraction of these points that the disc reaches, 0…1; `None` without points.
-pub(super) fn reached_share(places: &[Point<Panel>], strokes: &[ContactSegment], radius_mm: f64) -> Option<f64> {
+pub(super) fn reached_fraction(places: &[Point<Panel>], strokes: &[ContactSegment], radius_mm: f64) -> Option<f64> {
     let is_reached =
         |place: &&Point<Panel>| strokes.iter().any(|(from, to)| foot_fraction(**place, *from, *to).1 <= radius_mm);
     let reached = places.par_iter().filter(is_reached).count();
@@ -155,7 +155,7 @@ impl Outline {
         let across = mean_plane(points);
         Outline {
             points: points.to_vec(),
-            blocks: points.chunks(BLOCK).map(block).collect(),
+            blocks: points.chunks(OUTLINE_BLOCK_SIZE).map(block).collect(),
             plane_axes: across,
             plane_outline: points.iter().map(|point| to_plane(across, *point)).collect(),
         }
@@ -186,7 +186,7 @@ impl Outline {
 
     fn nearest(&self, point: Point<Panel>) -> (Option<Point<Panel>>, f64) {
         let mut nearest = (None, f64::INFINITY);
-        for ((centre, radius_mm), block) in self.blocks.iter().zip(self.points.chunks(BLOCK)) {
+        for ((centre, radius_mm), block) in self.blocks.iter().zip(self.points.chunks(OUTLINE_BLOCK_SIZE)) {
             if point.distance_mm(*centre) - radius_mm < nearest.1 {
                 let closer = |best: (Option<Point<Panel>>, f64), other: &Point<Panel>| {
                     let away = point.distance_mm(*other);

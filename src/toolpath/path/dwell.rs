@@ -24,7 +24,7 @@ use std::f64::consts::PI;
 /// Maximum ratio of the recipe's feed to the reduced feed.
 const MAX_SLOWDOWN: f64 = 3.0;
 /// Number of iterations; more iterations change only the third digit of the dwell times.
-const STEPS: usize = 15;
+const ITERATIONS: usize = 15;
 /// Quantile of the dwell times at a uniform feed that is used as the target time.
 const TARGET_QUANTILE: f64 = 0.9;
 /// Maximum ratio between the target time and the dwell time of a point, in either direction, so that a single point
@@ -48,7 +48,7 @@ pub fn timed_poses(plan: &Plan) -> Vec<ExecutedPose> {
 
 /// The feeds along the lines of each piece, and the resulting dwell times.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct EvenFeeds {
+pub(super) struct UniformFeeds {
     /// For each piece, the feed of the motion to each point of its track, mm/s.
     pub feeds_mm_s: Vec<Vec<f64>>,
     /// Spread of the dwell times over the whole treated area; `None` if no area is treated.
@@ -58,19 +58,19 @@ pub(super) struct EvenFeeds {
 }
 
 /// Reduces the feed of the lines for which this makes the dwell times more uniform.
-pub(super) fn even_out_feeds(
+pub(super) fn compute_uniform_feeds(
     surface: &BSplineSurface,
     region: &Region,
     pieces: &[Piece],
     settings: &recipe::Path,
-) -> EvenFeeds {
+) -> UniformFeeds {
     let radius_mm = settings.disc_diameter_mm() / 2.0;
     let parts: Vec<(GridId, ParameterPatch)> = pieces.iter().flat_map(|piece| piece.area.parts(region)).collect();
     let lines: Vec<Vec<Option<Line>>> = pieces.iter().map(|piece| lines(surface, piece, radius_mm)).collect();
     let treating: Vec<&Line> = lines.iter().flatten().flatten().collect();
-    let coarse: Vec<SpreadPlaces> = {
+    let coarse: Vec<UniformSamples> = {
         let spacing_mm = (radius_mm / 5.0).clamp(1.0, 3.0);
-        parts.par_iter().map(|(_, part)| SpreadPlaces::new(surface, *part, spacing_mm)).collect()
+        parts.par_iter().map(|(_, part)| UniformSamples::new(surface, *part, spacing_mm)).collect()
     };
     let slowness = inverse_feeds(&treating, &coarse, radius_mm, settings);
     let mut next = slowness.iter();
@@ -87,10 +87,10 @@ pub(super) fn even_out_feeds(
     // dwell time is uniform also between the coarse sample points.
     let spacing_mm = (radius_mm / 10.0).clamp(0.5, 1.5);
     let of_part = |(id, part): &(GridId, ParameterPatch)| {
-        let places = SpreadPlaces::new(surface, *part, spacing_mm);
+        let places = UniformSamples::new(surface, *part, spacing_mm);
         let mut times_s = vec![0.0; places.points.len()];
         for (line, slowness) in treating.iter().zip(&slowness) {
-            places.for_places_under(line, radius_mm, |place, chord_mm| times_s[place] += chord_mm * slowness);
+            places.for_each_point_under(line, radius_mm, |place, chord_mm| times_s[place] += chord_mm * slowness);
         }
         (*id, times_s.into_iter().zip(places.area_mm2).collect::<Vec<_>>())
     };
@@ -100,7 +100,7 @@ pub(super) fn even_out_feeds(
     let mut by_grid: BTreeMap<GridId, Vec<(f64, f64)>> = BTreeMap::new();
     times.into_iter().for_each(|(id, times)| by_grid.entry(id).or_default().extend(times));
     let spread = |(id, times): (GridId, Vec<(f64, f64)>)| Some((id, DwellSpread::from_times(times.into_iter())?));
-    EvenFeeds { feeds_mm_s, all, grids: by_grid.into_iter().filter_map(spread).collect() }
+    UniformFeeds { feeds_mm_s, all, grids: by_grid.into_iter().filter_map(spread).collect() }
 }
 
 /// A straight segment of a track in contact.
@@ -133,14 +133,14 @@ fn lines(surface: &BSplineSurface, piece: &Piece, radius_mm: f64) -> Vec<Option<
 }
 
 /// Sample points that are uniformly distributed over a grid.
-struct SpreadPlaces {
+struct UniformSamples {
     net: SampleGrid,
     points: Vec<Point<Panel>>,
     /// Area of the surface that each point represents, mm².
     area_mm2: Vec<f64>,
 }
 
-impl SpreadPlaces {
+impl UniformSamples {
     fn new(surface: &BSplineSurface, patch: ParameterPatch, spacing_mm: f64) -> Self {
         let net = SampleGrid::from_patch(surface, patch, spacing_mm);
         let place = |index: usize| {
@@ -148,12 +148,12 @@ impl SpreadPlaces {
             (tangents.point, tangents.area_mm2() * net.cell())
         };
         let (points, area_mm2) = (0..net.count()).map(place).unzip();
-        SpreadPlaces { net, points, area_mm2 }
+        UniformSamples { net, points, area_mm2 }
     }
 
     /// Calls `add` for each point that the disc passes on a line, with the length of the line within the radius of the
     /// point, mm.
-    fn for_places_under(&self, line: &Line, radius_mm: f64, mut add: impl FnMut(usize, f64)) {
+    fn for_each_point_under(&self, line: &Line, radius_mm: f64, mut add: impl FnMut(usize, f64)) {
         let ([from, to], [reach_u, reach_v]) = (line.ends, line.reach);
         let least = Parameter { u: from.u.min(to.u) - reach_u, v: from.v.min(to.v) - reach_v };
         let most = Parameter { u: from.u.max(to.u) + reach_u, v: from.v.max(to.v) + reach_v };
@@ -180,7 +180,7 @@ fn chord_mm(line: &Line, point: Point<Panel>, radius_mm: f64) -> f64 {
 }
 
 /// Calculates 1 / feed of each line, s/mm.
-fn inverse_feeds(lines: &[&Line], places: &[SpreadPlaces], radius_mm: f64, settings: &recipe::Path) -> Vec<f64> {
+fn inverse_feeds(lines: &[&Line], places: &[UniformSamples], radius_mm: f64, settings: &recipe::Path) -> Vec<f64> {
     let (fastest, planning_s) = (1.0 / settings.feed_mm_s(), settings.planning_time_ms() / 1_000.0);
     let shortest: Vec<f64> = lines.iter().map(|line| fastest.max(planning_s / line.length_mm)).collect();
     let starts: Vec<usize> = places
@@ -194,7 +194,7 @@ fn inverse_feeds(lines: &[&Line], places: &[SpreadPlaces], radius_mm: f64, setti
     let column = |line: &&Line| {
         let mut column: Vec<(usize, f64)> = Vec::new();
         for (places, start) in places.iter().zip(&starts) {
-            places.for_places_under(line, radius_mm, |place, chord_mm| column.push((start + place, chord_mm)));
+            places.for_each_point_under(line, radius_mm, |place, chord_mm| column.push((start + place, chord_mm)));
         }
         column
     };
@@ -212,7 +212,7 @@ fn inverse_feeds(lines: &[&Line], places: &[SpreadPlaces], radius_mm: f64, setti
     let wanted_s =
         target_time_s(times_s(&shortest), PI * radius_mm * radius_mm / settings.step_over_mm() * fastest);
     let mut slowness = shortest.clone();
-    for _ in 0..STEPS {
+    for _ in 0..ITERATIONS {
         let weights: Vec<f64> = times_s(&slowness)
             .into_iter()
             .map(|time_s| (wanted_s / time_s.max(f64::MIN_POSITIVE)).clamp(1.0 / MAX_WEIGHT, MAX_WEIGHT))

@@ -36,7 +36,7 @@ pub const TOOL_ERROR: &str = "error at the tool, against what the pad takes up";
 pub const GRID_CHECK_PREFIX: &str = "coverage of grid ";
 
 /// Maximum error at the tool, as a fraction of the pad's stroke.
-const MAX_ERROR_SHARE_OF_STROKE: f64 = 1.0 / 3.0;
+const MAX_ERROR_FRACTION_OF_STROKE: f64 = 1.0 / 3.0;
 
 /// Maximum absolute value of a commanded axis angle, degrees.
 const MAX_AXIS_DEG: f64 = 360.0;
@@ -53,7 +53,7 @@ pub fn judge_plan(plan: &Plan, settings: &recipe::Path) -> (Vec<Check>, Judgemen
         let words = || "the length, the time or the reach of the path is not a valid number".to_owned();
         of_motion.push(not_finite_check("length, time and reach of the path", words));
     }
-    let checks = [of_motion, coverage(plan), breaks(plan), evenness_checks(plan, settings)].concat();
+    let checks = [of_motion, coverage(plan), breaks(plan), uniformity_checks(plan, settings)].concat();
     let judgement = Judgement::from_checks(&checks);
     (checks, judgement)
 }
@@ -63,7 +63,7 @@ pub fn judge_plan(plan: &Plan, settings: &recipe::Path) -> (Vec<Check>, Judgemen
 pub struct PanelPoses {
     /// The present pose, as the localization found it.
     pub now: Rigid<Base, Panel>,
-    /// The nominal pose.
+    /// The pose at which the panel was taught.
     pub nominal: Rigid<Base, Panel>,
 }
 
@@ -95,7 +95,7 @@ pub fn judge_pad(settings: &recipe::Path, tool_error_mm: Option<f64>) -> Judgeme
 /// Checks the error at the tool against the error that the pad can absorb; `None` if the path has no press-in.
 pub fn check_pad(settings: &recipe::Path, tool_error_mm: Option<f64>) -> Option<Check> {
     let stroke_mm = settings.pad_stroke_mm().filter(|_| settings.press_in_mm() > 0.0)?;
-    let allowed_mm = MAX_ERROR_SHARE_OF_STROKE * stroke_mm;
+    let allowed_mm = MAX_ERROR_FRACTION_OF_STROKE * stroke_mm;
     let check =
         Check::new(TOOL_ERROR, "mm", tool_error_mm).with_max(allowed_mm, LimitSource::recipe("path.pad_stroke_mm"));
     // If the cell's file does not contain the error, the check fails.
@@ -176,20 +176,20 @@ fn coverage(plan: &Plan) -> Vec<Check> {
         Check::new(name, "", share).with_min(MIN_COVERAGE, LimitSource::Program).or_review("coverage", words)
     };
     let words = |grid: &GridCoverage| {
-        let [reached, wanted] = distinguishable_percents(grid.share(), MIN_COVERAGE, 2);
+        let [reached, wanted] = distinguishable_percents(grid.covered_fraction(), MIN_COVERAGE, 2);
         format!(
             "grid {}: the disc covers {reached} %, at least {wanted} % are needed; use a smaller step_over_mm, or \
              near the panel's outline a larger edge_overhang_mm",
             grid.id
         )
     };
-    let worst = plan.grids.iter().min_by(|a, b| a.share().total_cmp(&b.share()));
+    let worst = plan.grids.iter().min_by(|a, b| a.covered_fraction().total_cmp(&b.covered_fraction()));
     let least = worst.map_or(1.0, GridCoverage::share);
     // The value is that of the worst grid, because in a large region the mean would hide a grid of which a tenth is not
     // covered.
     let of_worst = check(name::COVERAGE.to_owned(), least, &|| worst.map_or(String::new(), words));
-    let short = plan.grids.iter().filter(|grid| grid.share().is_nan() || grid.share() < MIN_COVERAGE);
-    let short = short.map(|grid| check(format!("{GRID_CHECK_PREFIX}{}", grid.id), grid.share(), &|| words(grid)));
+    let short = plan.grids.iter().filter(|grid| grid.covered_fraction().is_nan() || grid.covered_fraction() < MIN_COVERAGE);
+    let short = short.map(|grid| check(format!("{GRID_CHECK_PREFIX}{}", grid.id), grid.covered_fraction(), &|| words(grid)));
     [Check::new("coverage of these grids", "", plan.coverage), of_worst].into_iter().chain(short).collect()
 }
 
@@ -209,7 +209,7 @@ fn breaks(plan: &Plan) -> Vec<Check> {
 }
 
 /// Checks the uniformity of the dwell time, and the disc's overhang beyond the outline.
-fn evenness_checks(plan: &Plan, settings: &recipe::Path) -> Vec<Check> {
+fn uniformity_checks(plan: &Plan, settings: &recipe::Path) -> Vec<Check> {
     let steps = plan.step_over_mm;
     let (largest_mm, allowed_mm) = (plan.overhang.largest_mm, settings.edge_overhang_mm());
     let ratio = plan.dwell_ratio();
@@ -258,7 +258,7 @@ fn evenness_checks(plan: &Plan, settings: &recipe::Path) -> Vec<Check> {
 pub struct WaypointLimits {
     /// The box that the tip must not leave; without a box, no linear motion is permitted.
     pub workspace: Option<Workspace>,
-    /// Longest step, mm.
+    /// Maximum length of a step, mm.
     pub max_step_mm: f64,
     /// Maximum rotation in one step.
     pub max_turn: Degrees,

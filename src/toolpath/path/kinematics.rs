@@ -239,7 +239,7 @@ mod tests {
     /// (90, 0, 90, 0, 0, 0): rotated clockwise to −y, upper arm horizontal, forearm vertically down: 25 + 335 + 25 =
     /// 385 from axis 1, z = 400 − 365 − 90 = −55, flange Z down.
     #[test]
-    fn two_flange_poses_by_hand() {
+    fn two_flange_poses_agree_with_hand_calculation() {
         let kr6 = kr6();
         for (angles, origin_mm, z, x) in [
             ([0.0, -90.0, 90.0, 0.0, 0.0, 0.0], [480.0, 0.0, 760.0], Vector3::x(), -Vector3::z()),
@@ -405,7 +405,7 @@ mod tests {
     /// Expected values, calculated by hand: the wrist's centre reaches 335 + hypot(25, 365) = 700.855 mm from axis 2.
     /// At 1000 mm in front of axis 2, the distance beyond the reach is 299.145 mm.
     #[test]
-    fn the_distance_beyond_the_reach_by_hand() {
+    fn the_distance_beyond_the_reach_agrees_with_hand_calculation() {
         let level = kr6().base_from_flange(&Joints::from([0.0; 6])).expect("numbers").rotation();
         let far = Isometry3::from_parts(Translation3::new(1_115.0, 0.0, 400.0), level.into());
         let far: Rigid<Base, Flange> = Rigid::from_isometry_unchecked(far);

@@ -15,9 +15,9 @@ use std::fmt::Write;
 /// Minimum rounding of a corner, mm; a smaller rounding is written as none.
 const MIN_BLEND_MM: f64 = 0.1;
 /// Maximum number of characters in the name of a KRL module.
-const MAX_NAME: usize = 24;
+const MAX_PROGRAM_NAME_LENGTH: usize = 24;
 /// Speed and acceleration of the axes on the motion to the first point, percent.
-const AXIS_PERCENT: u8 = 20;
+const PTP_SPEED_PERCENT: u8 = 20;
 /// Keywords of KRL, in addition to [`RESERVED`], that cannot be the name of a program.
 const ADDITIONAL_KEYWORDS: [&str; 38] = [
     "ANIN", "ANOUT", "AXIS", "BAS", "BOOL", "CCLOSE", "CHANNEL", "CIRC_REL", "CONFIRM", "COPEN", "CREAD", "CWRITE",
@@ -34,11 +34,11 @@ pub struct ProgramName(String);
 /// The reason why a text cannot be the name of a KRL program.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "\"{found}\" is not a valid KRL program name: 1 to {MAX_NAME} letters, digits and underscores, a letter first, \
+    "\"{found}\" is not a valid KRL program name: 1 to {MAX_PROGRAM_NAME_LENGTH} letters, digits and underscores, a letter first, \
      and not a reserved word"
 )]
 pub struct ProgramNameError {
-    /// The text.
+    /// The text that was given as a name.
     pub found: String,
 }
 
@@ -50,7 +50,7 @@ impl std::str::FromStr for ProgramName {
         let is_keyword =
             RESERVED_WORDS.iter().chain(&ADDITIONAL_KEYWORDS).any(|keyword| keyword.eq_ignore_ascii_case(text));
         let good =
-            letters && !is_keyword && text.len() <= MAX_NAME && text.starts_with(|c: char| c.is_ascii_alphabetic());
+            letters && !is_keyword && text.len() <= MAX_PROGRAM_NAME_LENGTH && text.starts_with(|c: char| c.is_ascii_alphabetic());
         if good { Ok(ProgramName(text.to_owned())) } else { Err(ProgramNameError { found: text.to_owned() }) }
     }
 }
@@ -58,9 +58,9 @@ impl std::str::FromStr for ProgramName {
 /// The contents of a KRL program.
 #[derive(Debug, Clone)]
 pub struct Program<'a> {
-    /// Its name.
+    /// The name of the program.
     pub name: &'a ProgramName,
-    /// The paths.
+    /// The plan whose paths the program executes.
     pub plan: &'a Plan,
     /// The sanding tool on the flange, written as `$TOOL`.
     pub flange_from_tool: KukaPose,
@@ -72,7 +72,7 @@ pub struct Program<'a> {
     pub remarks: &'a [String],
 }
 
-/// The program's text.
+/// Returns the text of the KRL program.
 #[expect(clippy::let_underscore_must_use, reason = "writing to a `String` cannot fail")]
 pub fn to_krl(program: &Program<'_>, settings: &recipe::Path) -> String {
     let mut text = format!(
@@ -88,12 +88,12 @@ pub fn to_krl(program: &Program<'_>, settings: &recipe::Path) -> String {
         text,
         "BAS(#INITMOV, 0)\n$IPO_MODE = #BASE\n$ORI_TYPE = #VAR\n$TOOL = {} ; the sanding tool, its Z out of the \
          pad; its load data is not set here\n$BASE = {} ; the pose of the panel\nBAS(#VEL_PTP, \
-         {AXIS_PERCENT})\nBAS(#ACC_PTP, {AXIS_PERCENT})\n$ACC.CP = {:.3} ; m/s2\n; In the air above the first \
+         {PTP_SPEED_PERCENT})\nBAS(#ACC_PTP, {PTP_SPEED_PERCENT})\n$ACC.CP = {:.3} ; m/s2\n; In the air above the first \
          place. The motion to this point has not been checked.\nPTP {}\n",
-        frame(&program.flange_from_tool),
-        frame(&program.base_from_panel),
+        format_frame(&program.flange_from_tool),
+        format_frame(&program.base_from_panel),
         settings.acceleration_mm_s2() / 1_000.0,
-        axes(&program.start),
+        format_axes(&program.start),
     );
     let (mut feed, mut blend) = (String::new(), String::new());
     for path in &program.plan.paths {
@@ -109,46 +109,46 @@ pub fn to_krl(program: &Program<'_>, settings: &recipe::Path) -> String {
             // its value changes.
             let next_feed = format!("$VEL.CP = {:.4} ; m/s\n", waypoint.feed_mm_s / 1_000.0);
             let next_blend = format!("$APO.CDIS = {:.1} ; mm\n", waypoint.blend_mm);
-            change(&mut text, &mut feed, next_feed);
+            write_if_changed(&mut text, &mut feed, next_feed);
             let rounds = waypoint.blend_mm >= MIN_BLEND_MM;
             if rounds {
-                change(&mut text, &mut blend, next_blend);
+                write_if_changed(&mut text, &mut blend, next_blend);
             }
-            let _ = writeln!(text, "LIN {}{}", frame(&waypoint.pose()), if rounds { " C_DIS" } else { "" });
+            let _ = writeln!(text, "LIN {}{}", format_frame(&waypoint.pose()), if rounds { " C_DIS" } else { "" });
         }
     }
     text.push_str("END\n");
     text
 }
 
-fn change(text: &mut String, now: &mut String, next: String) {
+fn write_if_changed(text: &mut String, now: &mut String, next: String) {
     if *now != next {
         text.push_str(&next);
         *now = next;
     }
 }
 
-fn frame(pose: &KukaPose) -> String {
+fn format_frame(pose: &KukaPose) -> String {
     format!(
         "{{X {}, Y {}, Z {}, A {}, B {}, C {}}}",
-        number(pose.x_mm, 3),
-        number(pose.y_mm, 3),
-        number(pose.z_mm, 3),
-        number(pose.a_deg, 4),
-        number(pose.b_deg, 4),
-        number(pose.c_deg, 4)
+        format_number(pose.x_mm, 3),
+        format_number(pose.y_mm, 3),
+        format_number(pose.z_mm, 3),
+        format_number(pose.a_deg, 4),
+        format_number(pose.b_deg, 4),
+        format_number(pose.c_deg, 4)
     )
 }
 
-fn axes(joints: &Joints) -> String {
+fn format_axes(joints: &Joints) -> String {
     let angles = joints.degrees();
     let words: Vec<String> =
-        angles.iter().enumerate().map(|(axis, angle)| format!("A{} {}", axis + 1, number(*angle, 4))).collect();
+        angles.iter().enumerate().map(|(axis, angle)| format!("A{} {}", axis + 1, format_number(*angle, 4))).collect();
     format!("{{{}}}", words.join(", "))
 }
 
 /// Formats a number with this number of decimals, and without a minus sign for zero.
-fn number(value: f64, decimals: usize) -> String {
+fn format_number(value: f64, decimals: usize) -> String {
     let text = format!("{value:.decimals$}");
     let is_nothing = text.chars().all(|c| !('1'..='9').contains(&c));
     if is_nothing { text.trim_start_matches('-').to_owned() } else { text }

@@ -56,7 +56,7 @@ impl Obstacles {
         self
     }
 
-    /// Each obstacle.
+    /// Returns the obstacles, each with its points.
     pub(super) fn obstacles(&self) -> &[Obstacle] {
         &self.0
     }

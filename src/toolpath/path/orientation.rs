@@ -70,7 +70,7 @@ pub enum OrientationError {
     /// The surface has no normal.
     #[error("the surface has no normal at (u, v) = ({:.4}, {:.4})", at.u, at.v)]
     NoNormal {
-        /// The place.
+        /// The parameters of the point.
         at: Parameter,
     },
     /// The reference is nearly parallel to the normal and does not determine the spin.

@@ -3,7 +3,7 @@
 //! A round tool may have any rotation about its own axis (spin). Therefore twelve spins are tried for the whole path:
 //! the first one with sufficient room is used, otherwise the one with the most room. *Room* is the smallest distance of
 //! an axis or a singularity from its limit, after the configured margin is subtracted. The result applies only to the
-//! plan with this spin, [`turned_plan`]. If the arm cannot follow, the message contains the grid, the waypoint, the
+//! plan with this spin, [`plan_with_spin`]. If the arm cannot follow, the message contains the grid, the waypoint, the
 //! axis, the amount by which the axis exceeds its limit, and a shift of the panel with which the arm could follow.
 
 use super::disc::DiscWearPlan;
@@ -34,11 +34,11 @@ const MAX_SHIFT_WAYPOINTS: usize = 60;
 /// The panel's pose relative to the arm, and the arm's tool.
 #[derive(Debug, Clone, Copy)]
 pub struct ReachSetup<'a> {
-    /// The arm.
+    /// The arm that follows the path.
     pub arm: &'a Kinematics,
-    /// The sanding tool.
+    /// The sanding tool on the flange.
     pub flange_from_tool: Rigid<Flange, Tool>,
-    /// The panel.
+    /// The panel's present pose.
     pub base_from_panel: Rigid<Base, Panel>,
     /// The axis angles before the linear motion to the plan's first point: the arm keeps their configuration. Without
     /// them the configuration with the most room is used.
@@ -164,7 +164,7 @@ pub fn plan_legs(plan: &Plan, stand: &ReachSetup<'_>, spin_deg: f64) -> Vec<Path
 }
 
 /// Returns the plan with the tool rotated by this spin: see [`ReachablePlan::spin`].
-pub fn turned_plan(plan: &Plan, spin: Degrees) -> Plan {
+pub fn plan_with_spin(plan: &Plan, spin: Degrees) -> Plan {
     let mut plan = plan.clone();
     for waypoint in plan.paths.iter_mut().flat_map(|path| &mut path.waypoints) {
         waypoint.panel_from_tool = waypoint.as_sent() * own_axis_rotation(spin);
@@ -177,10 +177,10 @@ fn own_axis_rotation(spin: Degrees) -> Rigid<Tool, Tool> {
     Rigid::from_isometry_unchecked(Isometry3::from_parts(Translation3::identity(), turn))
 }
 
-/// One grid's reach.
+/// The result of the reach check for one grid.
 #[derive(Debug, Clone)]
 pub struct GridReach {
-    /// The grid.
+    /// The grid that was checked.
     pub id: GridId,
     /// The room after the margins, degrees, or the reason why the arm cannot follow the path.
     pub outcome: Result<f64, Box<UnreachablePlan>>,

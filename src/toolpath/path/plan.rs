@@ -17,8 +17,8 @@
 //! more than half of this line. A path stops only at its ends, and on the panel if the tool lands vertically.
 
 use super::areas::{Area, IsPanelAt, Piece, first_grid, make_piece, treated_areas, visit_order};
-use super::coverage::{DiscOverhang, GridCoverage, Outline, reached_share, strokes};
-use super::dwell::{EvenFeeds, even_out_feeds};
+use super::coverage::{DiscOverhang, GridCoverage, Outline, reached_fraction, strokes};
+use super::dwell::{UniformFeeds, compute_uniform_feeds};
 use super::orientation::{OrientationError, ToolOrientation, panel_from_tool};
 use super::planned::{PathExtent, Plan, PlanError, StepOver, ToolPath, Waypoint, extent};
 use super::raster::{border_inset_mm, intermediate_points, interpolate};
@@ -106,7 +106,7 @@ fn plan_paths(
     let pieces = order_pieces(surface, pieces);
     // The feeds of all pieces are calculated together, because the disc at the border of one piece also sands the
     // adjacent piece.
-    let even = even_out_feeds(surface, region, &pieces, settings);
+    let even = compute_uniform_feeds(surface, region, &pieces, settings);
     let mut before = None;
     let mut paths = Vec::with_capacity(pieces.len());
     for (piece, feeds_mm_s) in pieces.iter().zip(&even.feeds_mm_s) {
@@ -138,7 +138,7 @@ fn breaks_reached(
     };
     let all: Vec<_> = pieces.iter().flat_map(of_piece).collect();
     let surely_mm = (settings.disc_diameter_mm() / 2.0 - treated.uncertainty_mm()).max(0.0);
-    reached_share(&broken, &all, surely_mm)
+    reached_fraction(&broken, &all, surely_mm)
 }
 
 /// Returns the area with the patch of its lines enlarged by this length on each side, mm.
@@ -182,9 +182,9 @@ fn order_pieces(surface: &BSplineSurface, pieces: Vec<Piece>) -> Vec<Piece> {
     visit_order(&ends).into_iter().map(turned).collect()
 }
 
-fn assemble_plan(paths: Vec<ToolPath>, pieces: &[Piece], even: EvenFeeds, settings: &recipe::Path) -> Plan {
+fn assemble_plan(paths: Vec<ToolPath>, pieces: &[Piece], even: UniformFeeds, settings: &recipe::Path) -> Plan {
     let PathExtent { length_mm, contact_mm, duration_s } = extent(&paths, settings);
-    let grids = of_grids(pieces.iter().flat_map(|piece| piece.coverage.iter().copied()).collect());
+    let grids = sum_coverage_by_grid(pieces.iter().flat_map(|piece| piece.coverage.iter().copied()).collect());
     let covered_mm2: f64 = grids.iter().map(|grid| grid.covered_mm2).sum();
     let area_mm2: f64 = grids.iter().map(|grid| grid.area_mm2).sum();
     let overhangs_mm = || pieces.iter().flat_map(|piece| piece.overhangs_mm.iter().copied());
@@ -215,7 +215,7 @@ fn assemble_plan(paths: Vec<ToolPath>, pieces: &[Piece], even: EvenFeeds, settin
 
 /// Returns the coverage of each grid, row by row, as the sum of its parts, because a grid may contain parts of two
 /// areas.
-fn of_grids(mut parts: Vec<GridCoverage>) -> Vec<GridCoverage> {
+fn sum_coverage_by_grid(mut parts: Vec<GridCoverage>) -> Vec<GridCoverage> {
     parts.sort_by_key(|part| part.id);
     let sum = |parts: &[GridCoverage]| {
         let add = |all: GridCoverage, part: &GridCoverage| GridCoverage {

@@ -54,9 +54,9 @@ pub struct ToolPath {
 /// Minimum and maximum distance between adjacent rows, on the surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StepOver {
-    /// Smallest, mm.
+    /// Minimum distance, mm.
     pub min_mm: f64,
-    /// Largest, mm.
+    /// Maximum distance, mm.
     pub max_mm: f64,
 }
 
@@ -200,7 +200,7 @@ pub enum PlanError {
     /// The region does not have the requested grid.
     #[error("the region has no grid {grid}; its grids are r1c1 to r{rows}c{columns}")]
     UnknownGrid {
-        /// The requested grid.
+        /// The grid that was requested.
         grid: GridId,
         /// Number of rows of the region.
         rows: usize,
@@ -210,23 +210,23 @@ pub enum PlanError {
     /// A grid was requested twice and would be sanded twice.
     #[error("grid {grid} was requested twice")]
     Repeated {
-        /// The grid.
+        /// The grid that was requested twice.
         grid: GridId,
     },
     /// No rows can be laid over the grid.
     #[error("grid {grid}: {cause}")]
     Raster {
-        /// The grid.
+        /// The grid over which no rows can be laid.
         grid: GridId,
-        /// The cause.
+        /// The reason of the raster.
         cause: RasterError,
     },
     /// The tool has no pose at a point of the grid.
     #[error("grid {grid}: {cause}")]
     Orientation {
-        /// The grid.
+        /// The grid on which the tool has no pose.
         grid: GridId,
-        /// The cause.
+        /// The reason of the orientation.
         cause: OrientationError,
     },
 }

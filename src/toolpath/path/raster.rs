@@ -37,7 +37,7 @@ const GAUSS: [(f64, f64); 3] =
 /// Rows in the order and direction of motion; successive rows run in opposite directions.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Raster {
-    /// The rows' waypoints.
+    /// The waypoints of each row.
     pub rows: Vec<Vec<Parameter>>,
 }
 
@@ -47,7 +47,7 @@ pub enum RasterError {
     /// The surface is degenerate at this point.
     #[error("the surface has no area at (u, v) = ({:.4}, {:.4})", at.u, at.v)]
     Degenerate {
-        /// The place.
+        /// The parameters of the degenerate point.
         at: Parameter,
     },
     /// The Newton iteration for a point of a row did not converge.
@@ -55,7 +55,7 @@ pub enum RasterError {
     NoRow {
         /// The point of the previous row, or of the border, from which the iteration started.
         from: Parameter,
-        /// Requested distance, mm.
+        /// Required distance between the rows, mm.
         distance_mm: f64,
     },
 }

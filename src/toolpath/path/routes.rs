@@ -19,31 +19,31 @@ use std::f64::consts::FRAC_PI_4;
 use std::sync::Arc;
 
 /// Maximum length of a step of a motion through air, mm.
-const AIR_STEP_MM: f64 = 40.0;
+const MAX_AIR_STEP_MM: f64 = 40.0;
 /// Maximum rotation in a step of a motion through air.
-const AIR_TURN: Degrees = Degrees(8.0);
+const MAX_AIR_ROTATION: Degrees = Degrees(8.0);
 /// Rounding between the steps of a motion through air, as a fraction of a step.
-const BLEND_SHARE: f64 = 0.2;
+const AIR_BLEND_FRACTION: f64 = 0.2;
 /// Maximum rounding between the steps of a motion through air, mm.
-const AIR_BLEND_MM: f64 = 5.0;
+const MAX_AIR_BLEND_MM: f64 = 5.0;
 /// Speed of motions through air, mm/s, unless the cell's limit is lower.
-const AIR_MM_S: f64 = 200.0;
+const AIR_SPEED_MM_S: f64 = 200.0;
 
 /// Maximum distance between the tip calculated with the cell's arm and the tip that the controller reports, mm. A
 /// larger distance means another arm, another tool or another mastering of an axis.
 const MAX_MODEL_DEVIATION_MM: f64 = 3.0;
-const MODEL: Degrees = Degrees(1.0);
+const MAX_MODEL_ROTATION: Degrees = Degrees(1.0);
 
 /// The state of the arm before a path, and the limits for the path.
 #[derive(Debug, Clone, Copy)]
 pub struct StartState<'a> {
-    /// The cell's limits.
+    /// The limits of the cell's file.
     pub limits: &'a Limits,
-    /// The arm.
+    /// The arm of the cell's file.
     pub arm: &'a cell::Arm,
     /// The tool that is set in the controller.
     pub flange_from_tool: Rigid<Flange, Tool>,
-    /// The current axes.
+    /// The current axis angles.
     pub joints: Joints,
     /// The obstacles that the arm avoids; `None` if the motion leads to the panel.
     pub obstacles: Option<&'a Arc<Obstacles>>,
@@ -76,7 +76,7 @@ pub struct PathSpeed {
 pub struct GatedPath {
     /// The violated checks; empty if the path may be sent.
     pub violations: Vec<Check>,
-    /// The motions.
+    /// The linear motions of the path.
     pub points: Vec<LinearMotion>,
     /// Speed and acceleration of the motions.
     pub speed: PathSpeed,
@@ -92,7 +92,7 @@ impl GatedPath {
         self.judgement().verdict == Verdict::Accept
     }
 
-    /// The gate's verdict.
+    /// Returns the verdict that follows from the violated checks.
     pub fn judgement(&self) -> Judgement {
         Judgement::from_checks(&self.violations)
     }
@@ -116,7 +116,7 @@ pub fn gate_air_motion<Active: panelprep_base::geometry::Frame>(
     ends: (Rigid<Active, Tool>, Rigid<Active, Tool>),
     taught_axis: Option<Vector<Base>>,
 ) -> GatedPath {
-    gate_air_motion_at(standing, base_from_active, ends, taught_axis, AIR_MM_S)
+    gate_air_motion_at(standing, base_from_active, ends, taught_axis, AIR_SPEED_MM_S)
 }
 
 /// Checks a linear motion through air at a given speed.
@@ -128,14 +128,14 @@ pub fn gate_air_motion_at<Active: panelprep_base::geometry::Frame>(
     speed_mm_s: f64,
 ) -> GatedPath {
     let (length_mm, turn) = (from.origin().distance_mm(to.origin()), (from.inverse() * to).rotation_angle());
-    let steps = (length_mm / AIR_STEP_MM).max(turn.0 / AIR_TURN.0).ceil().clamp(1.0, 1_000.0) as usize;
+    let steps = (length_mm / MAX_AIR_STEP_MM).max(turn.0 / MAX_AIR_ROTATION.0).ceil().clamp(1.0, 1_000.0) as usize;
     let poses: Vec<Rigid<Active, Tool>> = (1..=steps)
         .map(|step| if step == steps { to } else { interpolate_pose(from, to, step as f64 / steps as f64) })
         .collect();
     let points = poses.iter().enumerate().map(|(index, pose)| LinearMotion {
         pose: KukaPose::from_rigid(pose),
         // The last point is not rounded, because a picture is captured or the tool is started there.
-        blend_mm: if index + 1 == steps { 0.0 } else { AIR_BLEND_MM.min(BLEND_SHARE * length_mm / steps as f64) },
+        blend_mm: if index + 1 == steps { 0.0 } else { MAX_AIR_BLEND_MM.min(AIR_BLEND_FRACTION * length_mm / steps as f64) },
         contact: false,
         speed_m_s: None,
     });
@@ -166,7 +166,7 @@ pub fn lift_contact_points(plan: &Plan, height_mm: f64) -> Plan {
 /// arm already is. Feed and rounding are those of each waypoint. A plan that the plan checks reject is not sent, even
 /// if a person accepted the previous steps. Decisions that the plan checks request from a person have already been
 /// made.
-pub fn contact(
+pub fn gate_contact_path(
     standing: &StartState<'_>,
     panel: PanelPoses,
     (from, plan): (Rigid<Panel, Tool>, &Plan),
@@ -236,7 +236,7 @@ impl Sander {
 /// was measured. The camera is the tool of this motion; the sander beside the camera must keep its distances, too. If
 /// the sander is at the panel, for example after a hold in contact, the sander is first retracted along its axis,
 /// because a linear motion of the camera would drag it across the surface.
-pub fn view(
+pub fn gate_view(
     standing: &StartState<'_>,
     (from, to): (Rigid<Base, Tool>, Rigid<Base, Tool>),
     sander: Sander,
@@ -244,7 +244,7 @@ pub fn view(
     let arm = standing.kinematics();
     let tip = arm.base_from_flange(&standing.joints).map(|flange| flange * sander.flange_from_tip);
     let Some(tip) = tip.filter(|_| !sander.is_clear(&arm, &standing.joints)) else {
-        return view_from(standing, (from, to), sander);
+        return gate_camera_motion(standing, (from, to), sander);
     };
     let back = tip.isometry().rotation * Vector3::z() * -sander.lift_mm;
     let lifted = from.followed_by_displacement(Vector::new(back));
@@ -253,17 +253,17 @@ pub fn view(
     let leaving = StartState { obstacles: None, ..*standing };
     let lift = gate_air_motion(&leaving, Rigid::<Base, Base>::identity(), (from, lifted), None);
     let Some(joints) = lift.joints else { return lift };
-    let departing = reach::departing(&arm, &standing.joints, standing.flange_from_tool).unwrap_or(arm);
-    let followed = follows(&departing, standing, (Rigid::identity(), &lift.points), standing.flange_from_tool);
+    let departing = reach::arm_for_departure(&arm, &standing.joints, standing.flange_from_tool).unwrap_or(arm);
+    let followed = check_mounted_motion(&departing, standing, (Rigid::identity(), &lift.points), standing.flange_from_tool);
     if let Err(reason) = followed {
         let check = Check::new("waypoint of the lift that the arm follows", "", None);
         return lift.refused_for(vec![check.with_reason(Some(reason), Severity::Reject)]);
     }
-    let view = view_from(&StartState { joints, ..*standing }, (lifted, to), sander);
+    let view = gate_camera_motion(&StartState { joints, ..*standing }, (lifted, to), sander);
     GatedPath { points: lift.points.into_iter().chain(view.points).collect(), ..view }
 }
 
-fn view_from(
+fn gate_camera_motion(
     standing: &StartState<'_>,
     (from, to): (Rigid<Base, Tool>, Rigid<Base, Tool>),
     sander: Sander,
@@ -279,8 +279,8 @@ fn view_from(
     let is_clear = sander.is_clear(&arm, &standing.joints);
     let follows_with = |tip: Rigid<Flange, Tool>| {
         // If the angles are not finite, the configured distances apply, and the motion is rejected below.
-        let departing = reach::departing(&arm, &standing.joints, tip).filter(|_| !is_clear);
-        follows(departing.as_ref().unwrap_or(&arm), standing, (Rigid::identity(), &gated.points), tip)
+        let departing = reach::arm_for_departure(&arm, &standing.joints, tip).filter(|_| !is_clear);
+        check_mounted_motion(departing.as_ref().unwrap_or(&arm), standing, (Rigid::identity(), &gated.points), tip)
     };
     let Some(reason) = sander.tips().into_iter().find_map(|tip| follows_with(tip).err()) else { return gated };
     let message = format!("with the sander: {}", reason.message);
@@ -364,7 +364,7 @@ impl StartState<'_> {
     ) -> Result<(), Reason> {
         let all =
             points.iter().zip(poses).zip(joints).map(|((point, pose), joints)| (point.contact, *pose, *joints));
-        check_retracts(&Kinematics::new(self.arm), self.flange_from_tool, all).map_err(|fault| refused(&fault))
+        check_retracts(&Kinematics::new(self.arm), self.flange_from_tool, all).map_err(|fault| to_reason(&fault))
     }
 
     /// Returns the axis angles at the end of each of these lines, from the current axis angles on, or the reason why
@@ -376,7 +376,7 @@ impl StartState<'_> {
         check_arm_identity(&arm, &self.joints, self.flange_from_tool, from)?;
         match follow_path(&arm, self.flange_from_tool, Some(&self.joints), legs) {
             Ok(travel) => Ok(travel.joints),
-            Err(fault) => Err(refused(&fault)),
+            Err(fault) => Err(to_reason(&fault)),
         }
     }
 }
@@ -402,11 +402,11 @@ pub fn check_arm_identity(
     let by_model = by_model.ok_or_else(unknown)?;
     let (off_mm, off) =
         (by_model.origin().distance_mm(reported.origin()), (by_model.inverse() * reported).rotation_angle());
-    if off_mm <= MAX_MODEL_DEVIATION_MM && off.0 <= MODEL.0 {
+    if off_mm <= MAX_MODEL_DEVIATION_MM && off.0 <= MAX_MODEL_ROTATION.0 {
         return Ok(());
     }
     let [mm, allowed_mm] = distinguishable_texts(off_mm, MAX_MODEL_DEVIATION_MM, 1);
-    let [deg, allowed_deg] = distinguishable_texts(off.0, MODEL.0, 3);
+    let [deg, allowed_deg] = distinguishable_texts(off.0, MAX_MODEL_ROTATION.0, 3);
     let message = format!(
         "the TCP calculated from the axis angles and [arm] is {mm} mm and {deg}° from the TCP that the controller \
          reports (limits {allowed_mm} mm and {allowed_deg}°); check that the cell's file describes this arm"
@@ -418,16 +418,16 @@ pub fn check_arm_identity(
 ///
 /// # Errors
 /// If the object comes too near to an obstacle. The error contains the number of the waypoint.
-pub fn mounted_follows(
+pub fn check_mounted_object(
     standing: &StartState<'_>,
     base_from_active: Rigid<Base, Base>,
     points: &[LinearMotion],
     flange_from_mounted: Rigid<Flange, Tool>,
 ) -> Result<(), Reason> {
-    follows(&standing.kinematics(), standing, (base_from_active, points), flange_from_mounted)
+    check_mounted_motion(&standing.kinematics(), standing, (base_from_active, points), flange_from_mounted)
 }
 
-fn follows(
+fn check_mounted_motion(
     arm: &Kinematics,
     standing: &StartState<'_>,
     (base_from_active, points): (Rigid<Base, Base>, &[LinearMotion]),
@@ -444,10 +444,10 @@ fn follows(
             blend_mm: point.blend_mm,
         })
         .collect();
-    follow_path(arm, flange_from_mounted, Some(&standing.joints), &legs).map(drop).map_err(|fault| refused(&fault))
+    follow_path(arm, flange_from_mounted, Some(&standing.joints), &legs).map(drop).map_err(|fault| to_reason(&fault))
 }
 
 /// Converts a fault to a reason. The fault's index counts waypoints from 0, the message counts them from 1.
-fn refused(fault: &ReachFault) -> Reason {
+fn to_reason(fault: &ReachFault) -> Reason {
     Reason::new(fault.cause.code(), format!("waypoint {}: {}", fault.index + 1, fault.cause))
 }

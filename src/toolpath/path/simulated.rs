@@ -88,7 +88,7 @@ fn measured(seed: u64, reduction: usize, [roll, pitch, yaw]: [f64; 3]) -> Measur
 fn assert_quality(measured: &Measured) -> bool {
     measured.normal_deg[1] < 1.0
         && measured.surface_mm[2] < 0.3
-        && measured.plan.grids.iter().all(|grid| grid.share() >= 0.995)
+        && measured.plan.grids.iter().all(|grid| grid.covered_fraction() >= 0.995)
         && measured.verdict == "accept"
 }
 
@@ -131,14 +131,14 @@ fn the_simulated_arm_follows_or_reports_the_cause() {
     let waypoints: usize = plan.paths.iter().map(|path| path.waypoints.len()).sum();
     assert_eq!(reached.arm_travel.joints.len(), waypoints);
     // Checked with the forward kinematics: the axis angles put the tool at the poses of the plan.
-    let legs = panel_reach::plan_legs(&panel_reach::turned_plan(&plan, reached.spin), &stand, 0.0);
+    let legs = panel_reach::plan_legs(&panel_reach::plan_with_spin(&plan, reached.spin), &stand, 0.0);
     for (joints, leg) in reached.arm_travel.joints.iter().zip(&legs) {
         let there = arm.base_from_flange(joints).expect("numbers") * flange_from_tool;
         assert!(there.origin().distance_mm(leg.base_from_tool.origin()) < 1e-3);
         assert!((there.inverse() * leg.base_from_tool).rotation_angle().0 < 1e-3, "as the tool is turned, too");
     }
     // The poses that the arm follows with a spin of the tool are those of the plan with this spin.
-    let turned = panel_reach::plan_legs(&panel_reach::turned_plan(&plan, Degrees(60.0)), &stand, 0.0);
+    let turned = panel_reach::plan_legs(&panel_reach::plan_with_spin(&plan, Degrees(60.0)), &stand, 0.0);
     for (written, followed) in turned.iter().zip(&panel_reach::plan_legs(&plan, &stand, 60.0)) {
         let between = written.base_from_tool.inverse() * followed.base_from_tool;
         assert!(between.origin().mm.coords.norm() < 1e-9 && between.rotation_angle().0 < 1e-6);

@@ -10,16 +10,16 @@ use panelprep_cell::recipe;
 use rayon::prelude::*;
 
 /// Number of sample points along each side of a grid, including its edges.
-const SAMPLES: usize = 16;
+const SAMPLES_PER_SIDE: usize = 16;
 /// Distance that is added to the disc's radius, mm: a point that the disc barely reaches is treated as reached.
-const MARGIN_MM: f64 = 1.0;
+const REACH_MARGIN_MM: f64 = 1.0;
 
 /// Maximum distance of a point beyond the disc's edge at which the point is treated as touched, mm; the errors of the
 /// panel's pose and of the tool's motion are smaller.
 const TOUCH_MARGIN_MM: f64 = 1.5;
 /// Maximum distance between the sampled points of the line between two waypoints, mm; a point is farther from the
 /// nearest sampled point than from the line by at most half of this.
-const STEP_MM: f64 = 0.5;
+const MAX_SAMPLE_STEP_MM: f64 = 0.5;
 
 /// Returns the taught pixels that the disc may touch on a plan's path, whatever part of the plan is executed. A pixel
 /// of the panel without a scanned point is treated as touched if the plan touches the panel at all.
@@ -30,13 +30,13 @@ pub fn taught_pixels(plan: &Plan, panel: &TaughtPanel, settings: &recipe::Path) 
         let to = waypoint.panel_from_tool.origin();
         let before = index.checked_sub(1).map(|before| all[before]).filter(|before| before.contact);
         let from = before.map_or(to, |before| before.panel_from_tool.origin());
-        let steps = (from.distance_mm(to) / STEP_MM).ceil().max(1.0);
+        let steps = (from.distance_mm(to) / MAX_SAMPLE_STEP_MM).ceil().max(1.0);
         let points = (0..=steps as usize).map(|step| from + Vector::new((to - from).mm * (step as f64 / steps)));
         // The disc is checked along the line and not only at the waypoints: between two waypoints it passes over points
         // that it reaches at neither of them.
         way.extend(points.map(|point| <[f64; 3]>::from(point.mm)));
     }
-    pixels_near(&way, settings.disc_diameter_mm() / 2.0 + TOUCH_MARGIN_MM + STEP_MM / 2.0, panel)
+    pixels_near(&way, settings.disc_diameter_mm() / 2.0 + TOUCH_MARGIN_MM + MAX_SAMPLE_STEP_MM / 2.0, panel)
 }
 
 /// Returns the taught pixels that a disc may have touched when it sanded these grids. The disc's centre stays on the
@@ -83,7 +83,7 @@ pub fn first_waypoints(
 ) -> Vec<(GridId, usize)> {
     let all: Vec<_> = plan.paths.iter().flat_map(|path| &path.waypoints).collect();
     let place = |index: usize| all[index].panel_from_tool.origin();
-    let near_mm = radius_mm + MARGIN_MM;
+    let near_mm = radius_mm + REACH_MARGIN_MM;
     let reaches = |index: usize, points: &[Point<Panel>]| {
         // If the tool comes from the air, it touches the panel only at the end of the motion.
         let from = if index > 0 && all[index - 1].contact { place(index - 1) } else { place(index) };
@@ -98,9 +98,9 @@ pub fn first_waypoints(
 }
 
 fn samples(surface: &BSplineSurface, patch: &ParameterPatch) -> Vec<Point<Panel>> {
-    let share = |index: usize| index as f64 / (SAMPLES - 1) as f64;
-    let at = |index: usize| Parameter { u: share(index % SAMPLES), v: share(index / SAMPLES) };
-    (0..SAMPLES * SAMPLES).map(|index| surface.point(patch.parameter_at(at(index)))).collect()
+    let share = |index: usize| index as f64 / (SAMPLES_PER_SIDE - 1) as f64;
+    let at = |index: usize| Parameter { u: share(index % SAMPLES_PER_SIDE), v: share(index / SAMPLES_PER_SIDE) };
+    (0..SAMPLES_PER_SIDE * SAMPLES_PER_SIDE).map(|index| surface.point(patch.parameter_at(at(index)))).collect()
 }
 
 /// Returns the distance of a point from the segment between two points, mm.

@@ -25,7 +25,7 @@ pub struct PoseReport {
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Trace(Vec<PoseReport>);
 
-/// The executed path.
+/// The executed path, reconstructed from the reports.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct ExecutedPath {
     /// The poses in the order of time.
@@ -39,14 +39,14 @@ pub struct ExecutedPath {
 }
 
 impl Trace {
-    /// Adds a report.
+    /// Adds a report of the controller.
     pub fn push(&mut self, report: PoseReport) {
         self.0.push(report);
     }
 
     /// Adds the force that a compliant tool measured to the last report, N; only the first measurement of a report is
     /// used.
-    pub fn measured(&mut self, force_n: f64) {
+    pub fn add_force(&mut self, force_n: f64) {
         if let Some(last) = self.0.last_mut() {
             last.force_n.get_or_insert(force_n);
         }
@@ -65,7 +65,7 @@ impl Trace {
             let mut places: Vec<(Rigid<Panel, Tool>, bool)> = Vec::new();
             // With one or two corners between two reports, the straight line between the reports deviates from the path
             // by less than the rounding of the corners.
-            if missed > MAX_MISSED || !is_report {
+            if missed > MAX_WAYPOINTS_BETWEEN_REPORTS || !is_report {
                 let stand_in =
                     |index: usize| (all[index].panel_from_tool, all[index].contact && all[index - 1].contact);
                 places.extend((passed + 1..=reached).map(stand_in));
@@ -91,10 +91,10 @@ impl Trace {
 }
 
 /// Maximum number of waypoints between two reports at which no report is treated as missing.
-const MAX_MISSED: usize = 2;
+const MAX_WAYPOINTS_BETWEEN_REPORTS: usize = 2;
 /// Number of lines before and after the current line on which a reported pose may lie, because the pose and the number
 /// of executed waypoints are not from the same time.
-const NEIGHBOUR_LINES: usize = 3;
+const MAX_LINES_AWAY: usize = 3;
 
 /// Returns the waypoint to which the arm moves after this number of executed waypoints.
 fn current_target(all: &[Waypoint], done: u32) -> usize {
@@ -106,7 +106,7 @@ fn current_target(all: &[Waypoint], done: u32) -> usize {
 pub fn path_deviation_mm(all: &[Waypoint], done: u32, point: Point<Panel>) -> f64 {
     let towards = current_target(all, done);
     let place = |index: usize| all[index].panel_from_tool.origin();
-    let lines = towards.saturating_sub(NEIGHBOUR_LINES).max(1)..(towards + NEIGHBOUR_LINES).min(all.len());
+    let lines = towards.saturating_sub(MAX_LINES_AWAY).max(1)..(towards + MAX_LINES_AWAY).min(all.len());
     let distance_mm = |end: usize| {
         let (from, way) = (place(end - 1), (place(end) - place(end - 1)).mm);
         let along = (point - from).mm.dot(&way) / way.norm_squared().max(1e-12);

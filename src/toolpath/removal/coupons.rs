@@ -21,7 +21,7 @@ pub enum Lines {
     Rows(f64),
 }
 
-/// One measured place.
+/// A measured point on a coupon, with the treatment of the coupon.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Coupon {
     /// Line number of the measurement in the table.
@@ -30,9 +30,9 @@ pub struct Coupon {
     pub name: String,
     /// Name of the disc that sanded the coupon; `None` if the table does not contain it.
     pub disc: Option<String>,
-    /// Force, N.
+    /// Force of the tool, N.
     pub force_n: f64,
-    /// Feed, mm/s.
+    /// Feed of the tool, mm/s.
     pub feed_mm_s: f64,
     /// Number of passes.
     pub passes: f64,
@@ -47,9 +47,9 @@ pub struct Coupon {
 /// The tool with which the coupons were sanded.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CouponTool {
-    /// Disc and pad.
+    /// The disc on its pad.
     pub pad: PadWithDisc,
-    /// Its orbit.
+    /// The orbital motion of the disc.
     pub orbit: Orbit,
 }
 
@@ -86,7 +86,7 @@ pub(super) mod tests {
     /// Expected values, calculated by hand: v/f = 2618.34/60 = 43.639. One line: 2 · 20 N / 706.86 mm² · 30 mm · 0.993
     /// · 43.639 = 73.57 N/mm; rows of 12 mm: 2 · 20 · 43.639 / 12 = 145.46 N/mm.
     #[test]
-    fn exposures_of_coupons_by_hand() {
+    fn exposures_of_coupons_agree_with_hand_calculation() {
         let one = coupon(Lines::One).exposure_n_mm(&TOOL);
         assert!((one - 74.085 * (1.0 - 1.0 / 144.0)).abs() < 0.01, "{one}");
         let rows = coupon(Lines::Rows(12.0)).exposure_n_mm(&TOOL);

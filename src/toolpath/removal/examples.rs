@@ -20,7 +20,7 @@ pub const MODEL: Model = Model {
 };
 
 /// A model of a disc that does not wear, determined from coupons that follow Preston's law exactly.
-pub const EVEN_MODEL: Model = Model {
+pub const NO_WEAR_MODEL: Model = Model {
     decay_per_mm2: 0.0,
     covariance: Matrix2::new(4e-4, 0.0, 0.0, 0.0),
     force_power: Some(Power { value: 1.0, uncertainty: 0.0 }),

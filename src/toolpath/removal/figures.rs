@@ -4,7 +4,7 @@ use super::map::{GridRemoval, RemovalMap};
 use crate::surface::AreaWeighted;
 
 /// Fractions of the treated area for which the depth quantiles are returned.
-const SHARES: [f64; 2] = [0.05, 0.95];
+const QUANTILE_FRACTIONS: [f64; 2] = [0.05, 0.95];
 
 /// The figures of a removal map. They apply to the treated points, except for the largest depths, which may also lie
 /// beside the treated area.
@@ -47,14 +47,14 @@ impl MapFigures {
         let upper = |deviation: f64| (map.quantile_95 * deviation).exp();
         let depths = by_area(&|depth_um| depth_um);
         let off = by_area(&|depth_um| (depth_um / target_um - 1.0).abs());
-        let [low_um, high_um] = SHARES.map(|share| depths.quantile_by_area(share));
+        let [low_um, high_um] = QUANTILE_FRACTIONS.map(|share| depths.quantile_by_area(share));
         Some(MapFigures {
             mean_um: mean(&|depth_um, _| depth_um),
             low_um: low_um?,
             high_um: high_um?,
             largest_um: largest(&|depth_um, _| depth_um),
             largest_bound_um: largest(&|depth_um, deviation| depth_um * upper(deviation)),
-            within_percent: 100.0 * off.quantile_by_area(SHARES[1])?,
+            within_percent: 100.0 * off.quantile_by_area(QUANTILE_FRACTIONS[1])?,
             uncertainty_percent: 100.0 * mean(&|_, deviation| upper(deviation) - 1.0),
         })
     }
@@ -112,7 +112,7 @@ mod tests {
     /// the points differ from a target of 50 µm by at most 47 µm, which is 94 %. The range of ±10 % contains 45 to 55
     /// µm, eleven points. e^(2 · 0.05) = 1.105 17.
     #[test]
-    fn figures_of_a_map_by_hand() {
+    fn figures_of_a_map_agree_with_hand_calculation() {
         let both = map(vec![grid(1, true, (1..=100u8).map(f32::from).collect()), grid(2, false, vec![120.0])]);
         let found = MapFigures::compute(&both, 50.0).expect("treated");
         assert_eq!((found.mean_um, found.low_um, found.high_um, found.largest_um), (50.5, 5.0, 95.0, 120.0));

@@ -11,7 +11,7 @@
 
 use super::coupons::{Coupon, CouponTool};
 use super::model::MM2_PER_M2;
-use super::power::{DiscScatter, ForceExponents, Line, Power, line};
+use super::power::{DiscScatter, ForceExponents, Line, Power, fit_line};
 use nalgebra::{DMatrix, DVector, Matrix2};
 use panelprep_base::number_text::{distinguishable_texts, fixed_decimals};
 use panelprep_vision::calib::{student_95, student_quantile};
@@ -20,7 +20,7 @@ use panelprep_vision::calib::{student_95, student_quantile};
 pub const MIN_COUPONS: usize = 6;
 /// Minimum ratio of the largest to the smallest exposure at which the coupons show how the depth depends on the
 /// exposure.
-const LEVELS: f64 = 1.3;
+const MIN_EXPOSURE_RATIO: f64 = 1.3;
 /// Minimum difference between the areas that the discs had swept at which the coupons show the wear, mm²: 0.02 m².
 const MIN_WEAR_DIFFERENCE_MM2: f64 = 20_000.0;
 /// Maximum scatter of the coupons, σ of ln h; with a larger scatter the coupons contradict each other.
@@ -29,8 +29,8 @@ const MAX_COUPON_SCATTER: f64 = 0.5;
 /// The prediction of a coupon from the other coupons (cross-validation).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LeftOutCoupon {
-    /// Expected depth, µm.
-    pub foretold_um: f64,
+    /// Depth predicted from the other coupons, µm.
+    pub predicted_um: f64,
     /// The 95 % prediction interval of the depth from the other coupons, µm.
     pub interval_um: [f64; 2],
     /// Deviation of the measured from the predicted depth, as a fraction of the predicted depth: 0.1 means 10 % deeper.
@@ -82,7 +82,7 @@ impl CouponFit {
     }
 
     /// Returns the relative 95 % uncertainty of k at this swept area of the disc, mm².
-    pub fn preston_share_95(&self, worn_mm2: f64) -> f64 {
+    pub fn relative_preston_error_95(&self, worn_mm2: f64) -> f64 {
         let cov = &self.covariance;
         let variance = cov[(0, 0)] - 2.0 * worn_mm2 * cov[(0, 1)] + worn_mm2 * worn_mm2 * cov[(1, 1)];
         student_95(self.redundancy()) * variance.max(0.0).sqrt()
@@ -115,19 +115,19 @@ pub fn fit(coupons: &[Coupon], tool: &CouponTool) -> Result<CouponFit, FitError>
     let rows = DMatrix::from_fn(coupons.len(), 2, |row, column| if column == 0 { 1.0 } else { -worn(row) });
     // The swept areas were checked to be sufficiently different, so the matrix is regular.
     let one_wear = || FitError::OneWear { least_m2: worn(0), most_m2: worn(0) };
-    let found = line(&rows, &y).ok_or_else(one_wear)?;
+    let found = fit_line(&rows, &y).ok_or_else(one_wear)?;
     check_consistency(coupons, &(&y - &rows * &found.solution), &found)?;
     let names: Vec<Option<&str>> = coupons.iter().map(|coupon| coupon.disc.as_deref()).collect();
     let scatter = DiscScatter::estimate(&names, (&rows, &y));
     let found = match &scatter {
-        Some(scatter) => scatter.line(&rows, &y).ok_or_else(one_wear)?,
+        Some(scatter) => scatter.fit_line(&rows, &y).ok_or_else(one_wear)?,
         None => found,
     };
     let left = &y - &rows * &found.solution;
     let discs = scatter.as_ref().map(|scatter| Discs {
         count: scatter.discs(),
         deviation: scatter.deviation(found.deviation),
-        redundancy: scatter.redundancy(rows.ncols()),
+        redundancy: scatter.effective_degrees_of_freedom(rows.ncols()),
     });
     let scale = Matrix2::new(1.0, 1.0 / MM2_PER_M2, 1.0 / MM2_PER_M2, 1.0 / MM2_PER_M2.powi(2));
     let inverse = Matrix2::from_fn(|row, column| found.inverse[(row, column)]);
@@ -141,7 +141,7 @@ pub fn fit(coupons: &[Coupon], tool: &CouponTool) -> Result<CouponFit, FitError>
         left_out_coupons: (0..coupons.len())
             .map(|index| cross_validate(coupons, (&rows, &y), (index, &exposure)))
             .collect(),
-        power: power(&rows, (&exposure, &depth)),
+        power: estimate_exposure_exponent(&rows, (&exposure, &depth)),
         powers: ForceExponents::compute(coupons, (&rows, &y), scatter.as_ref()),
     })
 }
@@ -159,7 +159,7 @@ fn refuse(coupons: &[Coupon], tool: &CouponTool) -> Result<(), FitError> {
     let [low, high] = extent(&|coupon| coupon.exposure_n_mm(tool));
     // With a single exposure every law fits: a depth that is proportional to the square root of the exposure would also
     // agree with Preston's law.
-    if high < LEVELS * low {
+    if high < MIN_EXPOSURE_RATIO * low {
         return Err(FitError::OneLoad { ratio: high / low });
     }
     let [least_mm2, most_mm2] = extent(&|coupon| coupon.worn_mm2);
@@ -189,7 +189,7 @@ fn cross_validate(
     (rows, y): (&DMatrix<f64>, &DVector<f64>),
     (index, exposure): (usize, &[f64]),
 ) -> Option<LeftOutCoupon> {
-    let others = line(&rows.clone().remove_row(index), &y.clone().remove_row(index))?;
+    let others = fit_line(&rows.clone().remove_row(index), &y.clone().remove_row(index))?;
     let row = rows.row(index).transpose();
     let expected = row.dot(&others.solution);
     // The standard deviation of the prediction contains the scatter of a single coupon and the uncertainty of the line
@@ -202,7 +202,7 @@ fn cross_validate(
     let depth_um = |ln: f64| 1_000.0 * (ln + exposure[index]).exp();
     let away = y[index] - expected;
     Some(LeftOutCoupon {
-        foretold_um: depth_um(expected),
+        predicted_um: depth_um(expected),
         interval_um: [depth_um(expected - half), depth_um(expected + half)],
         deviation: away.exp_m1(),
         is_outlier: away.abs() > most * spread,
@@ -210,14 +210,14 @@ fn cross_validate(
 }
 
 /// Estimates the exponent of X.
-fn power(rows: &DMatrix<f64>, (exposure, depth): (&[f64], &[f64])) -> Power {
+fn estimate_exposure_exponent(rows: &DMatrix<f64>, (exposure, depth): (&[f64], &[f64])) -> Power {
     let mean = exposure.iter().sum::<f64>() / exposure.len() as f64;
     let more = rows.clone().insert_column(2, 0.0);
     let more = DMatrix::from_fn(more.nrows(), 3, |row, column| match column {
         2 => exposure[row] - mean,
         _ => more[(row, column)],
     });
-    let found = line(&more, &DVector::from_column_slice(depth));
+    let found = fit_line(&more, &DVector::from_column_slice(depth));
     let unknown = Power { value: f64::NAN, uncertainty: f64::NAN };
     found.map_or(unknown, |found| {
         let uncertainty = student_95((exposure.len() - 3) as f64) * found.deviation * found.inverse[(2, 2)].sqrt();
@@ -228,7 +228,7 @@ fn power(rows: &DMatrix<f64>, (exposure, depth): (&[f64], &[f64])) -> Power {
 /// The reason why coupons do not determine a model.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum FitError {
-    /// Too few.
+    /// Too few points were measured.
     #[error(
         "{found} places were measured, at least {MIN_COUPONS} are needed to determine k, the wear and their \
          uncertainties"
@@ -241,7 +241,7 @@ pub enum FitError {
     #[error(
         "all coupons had nearly the same load: the highest is only {} times the lowest, at least {} times is \
          needed to determine how the depth depends on it; change passes, feed_mm_s or force_n",
-        distinguishable_texts(*ratio, LEVELS, 2)[0], distinguishable_texts(*ratio, LEVELS, 2)[1]
+        distinguishable_texts(*ratio, MIN_EXPOSURE_RATIO, 2)[0], distinguishable_texts(*ratio, MIN_EXPOSURE_RATIO, 2)[1]
     )]
     OneLoad {
         /// Ratio of the largest to the smallest exposure.
@@ -265,11 +265,11 @@ pub enum FitError {
          deviation is that of {name} (line {line})"
     )]
     Contradictory {
-        /// Rms, percent.
+        /// Rms of the deviations from the best model, percent.
         percent: f64,
         /// Name of the coupon that deviates most.
         name: String,
-        /// Its line.
+        /// Line of this coupon in the table.
         line: u64,
     },
     /// Worn discs removed more than new discs.
@@ -278,7 +278,7 @@ pub enum FitError {
          check that worn_mm2 and the depth belong to the same coupon"
     )]
     GrowsWithWear {
-        /// Growth, 1/m².
+        /// Increase of ln k per square metre swept, 1/m².
         per_m2: f64,
         /// The 95 % uncertainty of the increase, 1/m².
         known_m2: f64,
@@ -338,7 +338,7 @@ pub(super) mod tests {
         let own = [found.covariance[(0, 0)], found.covariance[(0, 1)], found.covariance[(1, 1)]];
         assert!(own.iter().zip(expected).all(|(own, expected)| (own / expected - 1.0).abs() < 1e-6), "{own:?}");
         // Student's 97.5 % quantile for four degrees of freedom is 2.776.
-        assert!((found.preston_share_95(0.0) - 2.776 * e / 3.0_f64.sqrt()).abs() < 1e-4);
+        assert!((found.relative_preston_error_95(0.0) - 2.776 * e / 3.0_f64.sqrt()).abs() < 1e-4);
     }
 
     /// The fourth coupon is 50 % deeper than the others predict; the others agree within a few percent.
@@ -404,7 +404,7 @@ pub(super) mod tests {
         for _ in 0..400 {
             let off: Vec<f64> = (0..12).map(|_| random.random_range(-0.06..0.06)).collect();
             let found = fit(&coupons(&off), &TOOL).expect("a model");
-            let share = (found.preston_mm2_per_n / 4e-4).ln().abs() / found.preston_share_95(0.0);
+            let share = (found.preston_mm2_per_n / 4e-4).ln().abs() / found.relative_preston_error_95(0.0);
             held += usize::from(share <= 1.0);
             assert!(found.left_out_coupons.iter().all(Option::is_some));
         }
@@ -424,7 +424,7 @@ pub(super) mod tests {
             let mut made = coupons(&off);
             let share = |made: &[Coupon]| {
                 let found = fit(made, &TOOL).expect("a model");
-                (found.preston_mm2_per_n / 4e-4).ln().abs() / found.preston_share_95(0.0)
+                (found.preston_mm2_per_n / 4e-4).ln().abs() / found.relative_preston_error_95(0.0)
             };
             held[1] += usize::from(share(&made) <= 1.0);
             made.iter_mut().enumerate().for_each(|(index, own)| own.disc = Some(format!("D{}", index / 4)));

@@ -11,19 +11,19 @@ use panelprep_base::verdict::{Check, LimitSource};
 type Bounds = [f64; 2];
 
 /// Limits of the 95 % uncertainty of k, percent, at the swept area of a coupon's disc at which k is least certain.
-const UNCERTAINTY_PERCENT: Bounds = [12.0, 40.0];
+const UNCERTAINTY_LIMITS_PERCENT: Bounds = [12.0, 40.0];
 /// Limits of the scatter σ of a coupon, percent.
-const COUPON_PERCENT: Bounds = [10.0, 30.0];
+const COUPON_SCATTER_LIMITS_PERCENT: Bounds = [10.0, 30.0];
 /// Limits of the rms deviation of the coupons from their predictions in the cross-validation, percent.
-const CROSS_VALIDATION_PERCENT: Bounds = [12.0, 40.0];
+const CROSS_VALIDATION_LIMITS_PERCENT: Bounds = [12.0, 40.0];
 /// Limits of the scatter σ of ln k from disc to disc, percent.
-const DISC_PERCENT: Bounds = [100.0 * UNKNOWN_DISC_DEVIATION, 30.0];
+const DISC_SCATTER_LIMITS_PERCENT: Bounds = [100.0 * UNKNOWN_DISC_DEVIATION, 30.0];
 /// Minimum number of coupons at which no review is needed.
 const MIN_MEASURED_PLACES: f64 = 8.0;
 
 /// Returns all acceptance checks of a removal model.
 pub fn checks(found: &CouponFit, coupons: &[Coupon]) -> Vec<Check> {
-    let known = |coupon: &Coupon| 100.0 * found.preston_share_95(coupon.worn_mm2);
+    let known = |coupon: &Coupon| 100.0 * found.relative_preston_error_95(coupon.worn_mm2);
     // The largest uncertainty over the swept areas of all coupons is used, because discs will be used up to this wear,
     // and because k is least certain at the ends of the fitted line.
     let known_percent = coupons.iter().map(known).fold(0.0, f64::max);
@@ -32,31 +32,31 @@ pub fn checks(found: &CouponFit, coupons: &[Coupon]) -> Vec<Check> {
         bounded_check(
             "k_uncertain",
             ("uncertainty of k, 95 %, at the worst wear measured", known_percent),
-            UNCERTAINTY_PERCENT,
+            UNCERTAINTY_LIMITS_PERCENT,
             "uncertainty of k (95 %), percent",
         ),
         bounded_check(
             "coupons_differ",
             ("a coupon differs from the model, σ", 100.0 * found.coupon_deviation),
-            COUPON_PERCENT,
+            COUPON_SCATTER_LIMITS_PERCENT,
             "deviation of the coupons from the model, percent",
         ),
         bounded_check(
             "left_out",
             ("left-out coupons, rms", 100.0 * found.cross_validation_rms()),
-            CROSS_VALIDATION_PERCENT,
+            CROSS_VALIDATION_LIMITS_PERCENT,
             "deviation of the left-out coupons from their prediction by the others, percent",
         ),
         check_disc_scatter(found),
-        discs_differ(found),
+        check_disc_deviation(found),
         check_outliers(found, coupons),
-        power(
+        check_exponent(
             ("power by which the depth goes with the load", "force times sliding distance"),
             "not_preston",
             found.power,
         ),
-        exponent(("power by which the depth goes with the force", "the force"), "force_power", found.powers.force),
-        exponent(
+        check_optional_exponent(("power by which the depth goes with the force", "the force"), "force_power", found.powers.force),
+        check_optional_exponent(
             ("power by which the depth goes with the passes", "the passes"),
             "passes_power",
             found.powers.passes,
@@ -128,23 +128,23 @@ fn check_disc_scatter(found: &CouponFit) -> Check {
 }
 
 /// Checks the scatter from disc to disc; the value is missing if no disc sanded two coupons.
-fn discs_differ(found: &CouponFit) -> Check {
+fn check_disc_deviation(found: &CouponFit) -> Check {
     const NAME: &str = "the discs differ, σ";
     found.discs.map_or_else(
         || Check::new(NAME, "%", None),
         |discs| {
             let words = "discs differ from each other by percent";
-            bounded_check("discs_differ", (NAME, 100.0 * discs.deviation), DISC_PERCENT, words)
+            bounded_check("discs_differ", (NAME, 100.0 * discs.deviation), DISC_SCATTER_LIMITS_PERCENT, words)
         },
     )
 }
 
 /// Checks an exponent; without a value if the coupons do not determine it.
-fn exponent(words: (&'static str, &str), code: &'static str, found: Option<Power>) -> Check {
-    found.map_or_else(|| Check::new(words.0, "", None), |found| power(words, code, found))
+fn check_optional_exponent(words: (&'static str, &str), code: &'static str, found: Option<Power>) -> Check {
+    found.map_or_else(|| Check::new(words.0, "", None), |found| check_exponent(words, code, found))
 }
 
-fn power((name, what): (&'static str, &str), code: &'static str, found: Power) -> Check {
+fn check_exponent((name, what): (&'static str, &str), code: &'static str, found: Power) -> Check {
     Check::new(name, "", found.value).with_consequence_if(
         found.contradicts_preston(),
         panelprep_base::verdict::Severity::Review,
@@ -187,13 +187,13 @@ mod tests {
     use panelprep_base::verdict::{Judgement, Verdict};
 
     fn judged(off: &[f64]) -> (Verdict, Vec<String>) {
-        let made = by_discs(coupons(off));
+        let made = assign_to_discs(coupons(off));
         let judgement = Judgement::from_checks(&checks(&fit(&made, &TOOL).expect("a model"), &made));
         (judgement.verdict, judgement.reasons.into_iter().map(|reason| reason.code.into_owned()).collect())
     }
 
     /// Distributes the coupons over four discs, so that each disc has coupons of different wear.
-    fn by_discs(mut made: Vec<Coupon>) -> Vec<Coupon> {
+    fn assign_to_discs(mut made: Vec<Coupon>) -> Vec<Coupon> {
         made.iter_mut().enumerate().for_each(|(index, own)| own.disc = Some(format!("D{}", index % 4)));
         made
     }
@@ -240,7 +240,7 @@ mod tests {
 
     #[test]
     fn a_depth_not_proportional_to_the_force_needs_a_review() {
-        let mut made = by_discs(coupons(&GOOD));
+        let mut made = assign_to_discs(coupons(&GOOD));
         for (index, own) in made.iter_mut().enumerate() {
             own.force_n = [10.0, 20.0][index / 4 % 2];
             own.depth_um *= (own.force_n / 20.0).sqrt();

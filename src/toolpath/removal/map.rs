@@ -20,13 +20,13 @@ const SEARCH_MARGIN: f64 = 1.05;
 /// The removal on one grid, for each sample point, row by row.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GridRemoval {
-    /// The grid.
+    /// The grid to which the values belong.
     pub id: GridId,
     /// Whether each point is in the treated area; the disc only overlaps the other points.
     pub is_treated: Vec<bool>,
-    /// Samples along u.
+    /// Number of sample points along u.
     pub columns: usize,
-    /// Expected depth, µm.
+    /// Expected depth at each point, µm.
     pub depth_um: Vec<f32>,
     /// σ of the logarithm of each point's depth.
     pub deviation: Vec<f32>,
@@ -37,7 +37,7 @@ pub struct GridRemoval {
 /// The removal on all calculated grids.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RemovalMap {
-    /// Grid by grid.
+    /// The removal on each grid.
     pub grids: Vec<GridRemoval>,
     /// Number of σ in the half-width of the 95 % interval.
     pub quantile_95: f64,
@@ -76,7 +76,7 @@ fn grid(
     let mut swept = vec![0.0; samples.count()];
     for stretch in stretches {
         let per_pressure = model.preston_at_wear(stretch.swept_mm2) * stretch.rubbed_mm;
-        samples.for_places_under(stretch, |sample, pressure| {
+        samples.for_each_point_under(stretch, |sample, pressure| {
             depth_mm[sample] += per_pressure * pressure;
             // The mean wear, weighted by depth: a point that is sanded twice has a single uncertainty of k, at the wear
             // at which most material was removed.
@@ -154,7 +154,7 @@ impl GridRemoval {
 /// The sample points of one grid.
 #[derive(Debug, Clone)]
 pub struct Samples {
-    /// The grid.
+    /// The grid of the sample points.
     pub id: GridId,
     net: SampleGrid,
     points: Vec<Point<Panel>>,
@@ -180,7 +180,7 @@ impl Samples {
         Some(Samples { id, net, points, area_mm2 })
     }
 
-    /// Places along u.
+    /// Returns the number of sample points along u.
     pub fn columns(&self) -> usize {
         self.net.columns
     }
@@ -197,7 +197,7 @@ impl Samples {
 
     /// Calls `add` for each point with material on which the disc presses during the segment, with the mean pressure
     /// during the segment, N/mm².
-    pub fn for_places_under(&self, stretch: &DiscStretch, mut add: impl FnMut(usize, f64)) {
+    pub fn for_each_point_under(&self, stretch: &DiscStretch, mut add: impl FnMut(usize, f64)) {
         let reach_mm = SEARCH_MARGIN * stretch.stroke.reach_mm() + 0.5 * stretch.length_mm;
         let [reach_u, reach_v] = stretch.frame.reach(reach_mm);
         let at = stretch.frame.at;

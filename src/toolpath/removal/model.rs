@@ -7,7 +7,7 @@
 //! depth lies within exp(± q σ) of the expected one, with q Student's quantile for the degrees of freedom of σ_r and
 //! σ_d.
 
-use super::power::{LEVELS, Power};
+use super::power::{MIN_LEVEL_RATIO, Power};
 use super::speed::Orbit;
 use nalgebra::Matrix2;
 use panelprep_cell::cell::RemovalNumbers;
@@ -16,7 +16,7 @@ use panelprep_vision::calib::student_95;
 /// Square millimetres per square metre.
 pub const MM2_PER_M2: f64 = 1e6;
 /// The message if a recipe requires a removal and the cell has no removal model.
-pub const UNKNOWN: &str = "the recipe has [removal], but the cell's file names no [calibration] removal, so it is \
+pub const NO_MODEL_MESSAGE: &str = "the recipe has [removal], but the cell's file names no [calibration] removal, so it is \
                            unknown whether max_um is exceeded; measure coupons and name the file that `panelprep \
                            calibrate removal` writes";
 /// Micrometres per millimetre.
@@ -26,7 +26,7 @@ const FITTED_PARAMETERS: usize = 2;
 /// Half-width of the normal distribution's 95 % interval in standard deviations, for the stated error of a force.
 const NORMAL_95: f64 = 1.959_963_984_540_054;
 
-/// A removal model.
+/// A removal model: Preston's coefficient with its uncertainty, disc and pad.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Model {
     /// Preston's coefficient of a new disc, k₀, mm²/N.
@@ -54,7 +54,7 @@ pub struct Model {
 
 /// Factor beyond the coupons' minimum and maximum force up to which the model is valid, if the coupons show that the
 /// depth is proportional to the force.
-pub const FORCE_RANGE: f64 = LEVELS;
+pub const FORCE_RANGE: f64 = MIN_LEVEL_RATIO;
 /// The same factor if the coupons do not show this.
 const FORCE_RANGE_FACTOR: f64 = 1.15;
 /// Scatter σ from disc to disc that is assumed if the coupons do not show it: the largest measured scatter that needs
@@ -123,7 +123,7 @@ impl Model {
 
     /// Returns the relative error of a depth with this force, 95 %, that results from a force exponent different from
     /// 1.
-    pub fn force_law_share_95(&self, force_n: f64) -> f64 {
+    pub fn relative_force_law_error_95(&self, force_n: f64) -> f64 {
         let Some([least_n, most_n]) = self.forces_n else { return DEFAULT_POWER_UNCERTAINTY };
         match self.force_power {
             Some(power) => (force_n / (least_n * most_n).sqrt()).ln().abs() * power.deviation_from_one_95(),
@@ -175,7 +175,7 @@ mod tests {
     /// Expected values, calculated by hand: coupons with forces of 15 and 30 N are valid from 15 / 1.5 = 10 N to 45 N,
     /// coupons with one force of 20 N from 17.4 N to 23 N.
     #[test]
-    fn the_valid_range_of_forces_by_hand() {
+    fn the_valid_range_of_forces_agrees_with_hand_calculation() {
         assert_eq!(MODEL.valid_force_range_n(), Some([10.0, 45.0]));
         let [least_n, most_n] = Model { forces_n: Some([20.0, 20.0]), force_power: None, ..MODEL }
             .valid_force_range_n()
@@ -196,11 +196,11 @@ mod tests {
     #[test]
     fn a_force_beside_those_of_the_coupons_adds_an_error() {
         let near = |found: f64, expected: f64| assert!((found - expected).abs() < 1e-5, "{found} {expected}");
-        near(MODEL.force_law_share_95(30.0), 0.024_26);
-        near(MODEL.force_law_share_95(21.213_203), 0.0);
+        near(MODEL.relative_force_law_error_95(30.0), 0.024_26);
+        near(MODEL.relative_force_law_error_95(21.213_203), 0.0);
         let unknown = Model { force_power: None, ..MODEL };
-        near(unknown.force_law_share_95(33.0), 0.047_655);
-        near(unknown.force_law_share_95(20.0), 0.0);
+        near(unknown.relative_force_law_error_95(33.0), 0.047_655);
+        near(unknown.relative_force_law_error_95(20.0), 0.0);
     }
 
     /// Expected values, calculated by hand: after half a square metre, k is e^(−0.4) = 0.670 32 of its first value;

@@ -25,11 +25,11 @@ use std::f64::consts::{PI, TAU};
 use std::sync::LazyLock;
 
 /// Number of rings of equal area in the sum over the disc.
-const RINGS: usize = 28;
+const RING_COUNT: usize = 28;
 /// Number of points on each ring.
 const SPOKE_COUNT: usize = 44;
 /// Maximum number of Newton steps; usually about four are sufficient.
-const STEPS: usize = 60;
+const MAX_NEWTON_STEPS: usize = 60;
 /// Relative tolerance of the force at which the iteration ends.
 const FORCE_TOLERANCE: f64 = 1e-9;
 
@@ -38,13 +38,13 @@ static UNIT_PLACES: LazyLock<Vec<Vector2<f64>>> = LazyLock::new(|| {
     let place = |index: usize| {
         let (ring, spoke) = ((index / SPOKE_COUNT) as f64, (index % SPOKE_COUNT) as f64);
         let angle = TAU * (spoke + 0.25 + 0.5 * (ring % 2.0)) / SPOKE_COUNT as f64;
-        Vector2::new(angle.cos(), angle.sin()) * ((ring + 0.5) / RINGS as f64).sqrt()
+        Vector2::new(angle.cos(), angle.sin()) * ((ring + 0.5) / RING_COUNT as f64).sqrt()
     };
-    (0..RINGS * SPOKE_COUNT).map(place).collect()
+    (0..RING_COUNT * SPOKE_COUNT).map(place).collect()
 });
 
 /// Number of positions on the orbit for one segment.
-const PHASES: usize = 8;
+const ORBIT_POSITIONS: usize = 8;
 /// Minimum displacement of a disc, mm; a disc that moves less is at rest.
 const MIN_STROKE_MM: f64 = 1e-9;
 /// The golden angle as a fraction of 360°.
@@ -74,7 +74,7 @@ pub type SupportMask<'a> = &'a dyn Fn(Vector2<f64>) -> bool;
 /// The contact between a disc and the surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Contact {
-    /// The pad.
+    /// The pad with its disc.
     pub pad: PadWithDisc,
     /// The surface on which the disc lies.
     pub contact_surface: ContactGeometry,
@@ -153,12 +153,12 @@ impl PadWithDisc {
         if deeper_mm.is_empty() {
             return None;
         }
-        let each = self.stiffness_n_mm3 * self.area_mm2() / (RINGS * SPOKE_COUNT) as f64;
+        let each = self.stiffness_n_mm3 * self.area_mm2() / (RING_COUNT * SPOKE_COUNT) as f64;
         let mean_mm = deeper_mm.iter().sum::<f64>() / deeper_mm.len() as f64;
         // Start value: the depth at which all points would bear the force, also with negative pressure. This depth
         // never exceeds the solution.
         let mut depth_mm = force_n / (each * deeper_mm.len() as f64) - mean_mm;
-        for _ in 0..STEPS {
+        for _ in 0..MAX_NEWTON_STEPS {
             let pressed = deeper_mm.iter().filter(|deeper| depth_mm + **deeper > 0.0);
             let (sum_mm, count) = pressed.fold((0.0, 0_usize), |(sum, n), deeper| (sum + depth_mm + deeper, n + 1));
             let over_n = each * sum_mm - force_n;
@@ -198,9 +198,9 @@ pub struct DiscStroke {
     // Direction in which a point of the panel moves relative to the disc: opposite to the disc's motion.
     direction: Vector2<f64>,
     length_mm: f64,
-    // K d
+    // The curvature K times the direction d of the motion, 1/mm.
     bend_per_mm: Vector2<f64>,
-    orbit_mm: [Vector2<f64>; PHASES],
+    orbit_mm: [Vector2<f64>; ORBIT_POSITIONS],
 }
 
 impl DiscStroke {
@@ -209,7 +209,7 @@ impl DiscStroke {
     pub fn new(contact: Contact, ends_mm: [Vector2<f64>; 2], (orbit_radius_mm, number): (f64, usize)) -> Self {
         let orbit_mm = std::array::from_fn(|phase| {
             let turn =
-                phase as f64 / PHASES as f64 + (number as f64 * GOLDEN_ANGLE_FRACTION).fract() / PHASES as f64;
+                phase as f64 / ORBIT_POSITIONS as f64 + (number as f64 * GOLDEN_ANGLE_FRACTION).fract() / ORBIT_POSITIONS as f64;
             Vector2::new((TAU * turn).cos(), (TAU * turn).sin()) * orbit_radius_mm
         });
         let way = ends_mm[0] - ends_mm[1];
@@ -233,7 +233,7 @@ impl DiscStroke {
         if self.orbit_mm[0] == Vector2::zeros() {
             return self.orbit_offset(place_mm);
         }
-        self.orbit_mm.iter().map(|away| self.orbit_offset(place_mm - away)).sum::<f64>() / PHASES as f64
+        self.orbit_mm.iter().map(|away| self.orbit_offset(place_mm - away)).sum::<f64>() / ORBIT_POSITIONS as f64
     }
 
     /// Returns whether the disc cannot reach a point.

@@ -18,7 +18,7 @@ use panelprep_vision::calib::student_95;
 
 /// Minimum ratio of the coupons' largest to smallest force, or number of passes, at which the coupons show how the
 /// depth depends on this quantity.
-pub const LEVELS: f64 = 1.5;
+pub const MIN_LEVEL_RATIO: f64 = 1.5;
 /// Maximum 95 % uncertainty of an exponent at which the exponent is treated as determined.
 const MAX_UNCERTAINTY: f64 = 0.3;
 /// Maximum deviation of an exponent from 1 that needs no review.
@@ -29,10 +29,10 @@ const TRIED_VALUES: u32 = 120;
 const MIN_LAMBDA: f64 = 1e-3;
 const MAX_LAMBDA: f64 = 1e3;
 
-/// An exponent.
+/// An exponent of a quantity in the depth, with its uncertainty.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Power {
-    /// The exponent.
+    /// The estimated exponent.
     pub value: f64,
     /// Uncertainty of the exponent, 95 %.
     pub uncertainty: f64,
@@ -72,8 +72,8 @@ impl ForceExponents {
         (rows, y): (&DMatrix<f64>, &DVector<f64>),
         scatter: Option<&DiscScatter>,
     ) -> Self {
-        let force = column(coupons, |coupon| coupon.force_n);
-        let passes = column(coupons, |coupon| coupon.passes);
+        let force = logarithms_without_mean(coupons, |coupon| coupon.force_n);
+        let passes = logarithms_without_mean(coupons, |coupon| coupon.passes);
         let more: Vec<&DVector<f64>> = [&force, &passes].into_iter().flatten().collect();
         let first = rows.ncols();
         let mut all = rows.clone().resize_horizontally(first + more.len(), 0.0);
@@ -82,8 +82,8 @@ impl ForceExponents {
             return ForceExponents::default();
         }
         let found = match scatter {
-            Some(scatter) => scatter.line(&all, y),
-            None => line(&all, y),
+            Some(scatter) => scatter.fit_line(&all, y),
+            None => fit_line(&all, y),
         };
         let Some(found) = found else { return ForceExponents::default() };
         let quantile = student_95((all.nrows() - all.ncols()) as f64);
@@ -100,11 +100,11 @@ impl ForceExponents {
 
 /// Returns the logarithms of a quantity of the coupons, minus their mean; `None` if the quantity is nearly the same for
 /// all coupons.
-fn column(coupons: &[Coupon], number: impl Fn(&Coupon) -> f64) -> Option<DVector<f64>> {
+fn logarithms_without_mean(coupons: &[Coupon], number: impl Fn(&Coupon) -> f64) -> Option<DVector<f64>> {
     let logarithms = DVector::from_iterator(coupons.len(), coupons.iter().map(|coupon| number(coupon).ln()));
     let mean = logarithms.mean();
     // The tolerance permits a ratio of exactly the minimum, despite rounding of the logarithm.
-    let is_wide = logarithms.max() - logarithms.min() >= LEVELS.ln() - 1e-9;
+    let is_wide = logarithms.max() - logarithms.min() >= MIN_LEVEL_RATIO.ln() - 1e-9;
     is_wide.then(|| logarithms.map(|value| value - mean))
 }
 
@@ -112,14 +112,14 @@ fn column(coupons: &[Coupon], number: impl Fn(&Coupon) -> f64) -> Option<DVector
 pub(super) struct Line {
     /// The estimated parameters.
     pub solution: DVector<f64>,
-    /// (AᵀA)⁻¹.
+    /// The matrix (AᵀA)⁻¹.
     pub inverse: DMatrix<f64>,
     /// Standard deviation of a value y from the model.
     pub deviation: f64,
 }
 
 /// Returns the x that minimises |A x − y|², with these rows of A; `None` if the rows do not determine x.
-pub(super) fn line(rows: &DMatrix<f64>, y: &DVector<f64>) -> Option<Line> {
+pub(super) fn fit_line(rows: &DMatrix<f64>, y: &DVector<f64>) -> Option<Line> {
     let inverse = (rows.transpose() * rows).try_inverse()?;
     let solution = &inverse * rows.transpose() * y;
     let left = y - rows * &solution;
@@ -176,8 +176,8 @@ impl DiscScatter {
 
     /// Fits the rows, taking the scatter between discs into account; `deviation` of the result is that of a coupon on
     /// its disc.
-    pub fn line(&self, rows: &DMatrix<f64>, y: &DVector<f64>) -> Option<Line> {
-        line(
+    pub fn fit_line(&self, rows: &DMatrix<f64>, y: &DVector<f64>) -> Option<Line> {
+        fit_line(
             &self.remove_disc_means(rows),
             &self.remove_disc_means(&DMatrix::from_columns(&[y.clone_owned()])).column(0).into(),
         )
@@ -186,7 +186,7 @@ impl DiscScatter {
     /// Returns the effective degrees of freedom (Welch–Satterthwaite) of the mean of all coupons, after the fit of this
     /// number of unknowns: the number of discs minus 1 if the scatter between discs predominates, those of the coupons
     /// if the discs do not differ.
-    pub fn redundancy(&self, unknowns: usize) -> f64 {
+    pub fn effective_degrees_of_freedom(&self, unknowns: usize) -> f64 {
         let (coupons, discs) = (self.disc_of.len() as f64, self.counts.len() as f64);
         let of_mean = self.ratio * coupons / discs;
         let share = of_mean / (1.0 + of_mean);
@@ -194,9 +194,9 @@ impl DiscScatter {
         1.0 / (share.powi(2) / (discs - 1.0) + (1.0 - share).powi(2) / own)
     }
 
-    /// The value (9).
+    /// Returns the value of (9), which the best λ minimises.
     fn negative_log_likelihood(&self, rows: &DMatrix<f64>, y: &DVector<f64>) -> Option<f64> {
-        let found = self.line(rows, y)?;
+        let found = self.fit_line(rows, y)?;
         let redundancy = (rows.nrows() - rows.ncols()) as f64;
         let square_sum = (found.deviation.powi(2) * redundancy).max(f64::MIN_POSITIVE);
         let discs: f64 = self.counts.iter().map(|count| (self.ratio * count).ln_1p()).sum();
@@ -274,7 +274,7 @@ mod tests {
     fn found(y: [f64; 6]) -> (DiscScatter, Line) {
         let (rows, y) = (DMatrix::from_element(6, 1, 1.0), DVector::from_row_slice(&y));
         let scatter = DiscScatter::estimate(&DISCS, (&rows, &y)).expect("discs");
-        let line = scatter.line(&rows, &y).expect("a mean");
+        let line = scatter.fit_line(&rows, &y).expect("a mean");
         (scatter, line)
     }
 
@@ -289,14 +289,14 @@ mod tests {
         let mean_variance = line.inverse[(0, 0)] * line.deviation.powi(2);
         assert!((mean_variance / (0.01 / 3.0) - 1.0).abs() < 0.1, "{mean_variance}");
         // Three discs that differ have two degrees of freedom.
-        assert!((scatter.redundancy(1) - 2.0).abs() < 0.1, "{}", scatter.redundancy(1));
+        assert!((scatter.effective_degrees_of_freedom(1) - 2.0).abs() < 0.1, "{}", scatter.effective_degrees_of_freedom(1));
     }
 
     #[test]
     fn equal_discs_add_no_scatter() {
         let (scatter, line) = found([-0.01, 0.01, -0.01, 0.01, -0.01, 0.01]);
         assert_eq!(scatter.deviation(line.deviation), 0.0);
-        assert!((scatter.redundancy(1) - 3.0).abs() < 1e-9);
+        assert!((scatter.effective_degrees_of_freedom(1) - 3.0).abs() < 1e-9);
         let (rows, y) = (DMatrix::from_element(6, 1, 1.0), DVector::zeros(6));
         let mut one_without = DISCS;
         one_without[2] = None;
@@ -318,7 +318,7 @@ mod tests {
             let y = DVector::from_fn(32, |row, _| own[row / 4] + even(0.03));
             let rows = DMatrix::from_element(32, 1, 1.0);
             let scatter = DiscScatter::estimate(&discs, (&rows, &y)).expect("discs");
-            let deviation = scatter.line(&rows, &y).expect("a mean").deviation;
+            let deviation = scatter.fit_line(&rows, &y).expect("a mean").deviation;
             sums[0] += scatter.deviation(deviation).powi(2) / 60.0;
             sums[1] += deviation.powi(2) / 60.0;
         }

@@ -40,16 +40,16 @@ const ITERATIONS: [usize; 2] = [40, 12];
 pub struct Move {
     /// Index of the pose at the end of the move, with the numbering of `DiscStretch::pose`.
     pub pose: usize,
-    /// Its length, mm.
+    /// Length of the move, mm.
     pub length_mm: f64,
     /// Minimum and maximum feed, mm/s.
     pub feeds_mm_s: [f64; 2],
 }
 
-/// The required removal.
+/// The required depth, and the acceleration for the schedule.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RemovalTarget {
-    /// Depth, µm.
+    /// Required depth, µm.
     pub target_um: f64,
     /// Acceleration of the tool centre point, mm/s².
     pub acceleration_mm_s2: f64,
@@ -126,7 +126,7 @@ fn columns(
         for stretch in own {
             let share = model.preston_at_wear(stretch.swept_mm2) * stretch.length_mm * UM_PER_MM / target_um;
             for (samples, start) in samples.iter().zip(&starts) {
-                samples.for_places_under(stretch, |place, pressure| {
+                samples.for_each_point_under(stretch, |place, pressure| {
                     column.push(((start + place) as u32, (share * pressure) as f32));
                 });
             }
@@ -384,7 +384,7 @@ mod tests {
 
     /// Expected values, calculated by hand: (1, 2) satisfies x₀ + x₁ = 3 and x₁ = 2; with x₁ ≤ 1 the best x₀ is 2.
     #[test]
-    fn a_bounded_minimum_with_two_unknowns_by_hand() {
+    fn a_bounded_minimum_with_two_unknowns_is_found() {
         let mut columns = Columns::default();
         columns.push([(0, 1.0)]);
         columns.push([(0, 1.0), (1, 1.0)]);

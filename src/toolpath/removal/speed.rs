@@ -8,16 +8,16 @@
 use std::f64::consts::PI;
 
 /// Maximum number of steps of the arithmetic-geometric mean; each step doubles the number of correct digits.
-const STEPS: usize = 40;
+const MAX_MEAN_STEPS: usize = 40;
 /// Number of bisections in the search for a feed.
-const HALVINGS: usize = 60;
+const BISECTION_STEPS: usize = 60;
 
 /// The orbital motion of the disc.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Orbit {
     /// Diameter of the circle on which a grain moves, mm.
     pub diameter_mm: f64,
-    /// Circles a minute.
+    /// Rotation speed of the orbit, rev/min.
     pub speed_rev_min: f64,
 }
 
@@ -43,7 +43,7 @@ impl Orbit {
     /// Returns the feed between the limits `low` and `high` at which a grain rubs over this length per mm of the disc's
     /// path; the nearer limit if there is no such feed.
     pub fn feed_mm_s(&self, rubbed_per_mm: f64, [mut low, mut high]: [f64; 2]) -> f64 {
-        for _ in 0..HALVINGS {
+        for _ in 0..BISECTION_STEPS {
             let middle = 0.5 * (low + high);
             if self.rubbed_per_mm(middle) > rubbed_per_mm { low = middle } else { high = middle }
         }
@@ -57,7 +57,7 @@ pub(super) fn elliptic_e(m: f64) -> f64 {
         return 1.0;
     }
     let (mut a, mut g, mut weight, mut sum) = (1.0, (1.0 - m).sqrt(), 0.5, 0.5 * m);
-    for _ in 0..STEPS {
+    for _ in 0..MAX_MEAN_STEPS {
         let c = 0.5 * (a - g);
         (a, g) = (0.5 * (a + g), (a * g).sqrt());
         weight *= 2.0;

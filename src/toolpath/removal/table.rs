@@ -40,7 +40,7 @@ pub struct TableError(pub Vec<TableProblem>);
 pub struct TableProblem {
     /// Number of the line, from 1.
     pub line: u64,
-    /// The column's name.
+    /// Name of the column.
     pub column: String,
     /// The value that was found, and the valid values.
     pub message: String,
@@ -63,14 +63,14 @@ pub fn read_coupons(bytes: &[u8]) -> Result<Vec<Coupon>, TableError> {
     let mut lines =
         lines.filter(|(text, _)| !text.trim().is_empty() && !text.trim_start().starts_with(REMARK_SIGN));
     let (header, line) = lines.next().unwrap_or(("", 1));
-    let header = values(header);
+    let header = split_line(header);
     let of_header = header_problems(&header, line);
     if !of_header.is_empty() {
         return Err(TableError(of_header));
     }
     let (mut problems, mut coupons) = (Vec::new(), Vec::new());
     for (text, line) in lines {
-        match coupon(&Row { header: &header, record: &values(text), line }) {
+        match coupon(&Row { header: &header, record: &split_line(text), line }) {
             Ok(coupon) => coupons.push(coupon),
             Err(found) => problems.extend(found),
         }
@@ -79,7 +79,7 @@ pub fn read_coupons(bytes: &[u8]) -> Result<Vec<Coupon>, TableError> {
 }
 
 /// Splits one line of the table into its values.
-fn values(line: &str) -> StringRecord {
+fn split_line(line: &str) -> StringRecord {
     let mut reader = ReaderBuilder::new().has_headers(false).trim(Trim::All).from_reader(line.as_bytes());
     // Reading from memory cannot fail.
     reader.records().next().and_then(Result::ok).unwrap_or_default()

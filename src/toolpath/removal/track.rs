@@ -35,9 +35,9 @@ pub type IsPanelAt<'a> = &'a (dyn Fn(Parameter) -> bool + Sync);
 /// The disc on its pad, with its motion and wear.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Disc {
-    /// Disc and pad.
+    /// The disc on its pad.
     pub pad: PadWithDisc,
-    /// Its orbit.
+    /// The orbital motion of the disc.
     pub orbit: Orbit,
     /// Whether the calculation of the pressure includes the rim's orbital motion; simpler models do not include it.
     pub rim_orbits: bool,
@@ -148,9 +148,9 @@ fn contact(
 /// A point of the surface with its tangent plane; in the panel's frame, mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TangentFrame {
-    /// Its parameters.
+    /// The parameters of the point.
     pub at: Parameter,
-    /// The point.
+    /// The point of the surface, the origin of the tangent frame.
     pub point: Point<Panel>,
     x: Vector3<f64>,
     y: Vector3<f64>,

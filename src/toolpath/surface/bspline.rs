@@ -35,11 +35,11 @@ pub struct Parameter {
 /// A point of a surface with its first derivatives.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PointTangents {
-    /// S, mm.
+    /// The point S, mm.
     pub point: Point<Panel>,
-    /// S_u, mm.
+    /// The derivative S_u, mm.
     pub s_u: Vector<Panel>,
-    /// S_v, mm.
+    /// The derivative S_v, mm.
     pub s_v: Vector<Panel>,
 }
 
@@ -53,13 +53,13 @@ impl PointTangents {
 /// A point of a surface with its first and second derivatives, all mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Derivatives {
-    /// S, S_u, S_v.
+    /// The point S with S_u and S_v.
     pub tangents: PointTangents,
-    /// S_uu.
+    /// The second derivative S_uu.
     pub s_uu: Vector<Panel>,
-    /// S_uv.
+    /// The second derivative S_uv.
     pub s_uv: Vector<Panel>,
-    /// S_vv.
+    /// The second derivative S_vv.
     pub s_vv: Vector<Panel>,
 }
 
@@ -69,7 +69,7 @@ pub enum SurfaceError {
     /// The number of control points does not agree with the knots.
     #[error("the knots need {needed} control points, found {found}")]
     ControlCount {
-        /// Control points found.
+        /// Number of control points that were given.
         found: usize,
         /// Number of control points that the knots require.
         needed: usize,
@@ -110,7 +110,7 @@ impl BSplineSurface {
         }
         let spans = SpanSurface::new([&knots_u, &knots_v], &controls);
         let mut surface = BSplineSurface { knots_u, knots_v, controls, side: 1.0, spans };
-        let towards = surface.faces(viewer);
+        let towards = surface.count_facing_viewer(viewer);
         if towards == 0.0 || !towards.is_finite() {
             return Err(SurfaceError::NoSide);
         }
@@ -121,7 +121,7 @@ impl BSplineSurface {
     /// Takes the normal as computed, before its direction is chosen. Returns the number of points, among 5 × 5, at
     /// which the normal points to the viewer, minus the number of points at which it points away. Several points are
     /// used because a single point could lie in a fold.
-    fn faces(&self, viewer: Point<Panel>) -> f64 {
+    fn count_facing_viewer(&self, viewer: Point<Panel>) -> f64 {
         let place = |knots: &KnotVector, step: i32| {
             let (start, end) = (*knots.domain().start(), *knots.domain().end());
             start + (end - start) * (0.5 + f64::from(step)) / 5.0
@@ -131,12 +131,12 @@ impl BSplineSurface {
         (0..25).map(|index| side(at(index))).sum()
     }
 
-    /// Knots along u.
+    /// Returns the knot vector along u.
     pub fn knots_u(&self) -> &KnotVector {
         &self.knots_u
     }
 
-    /// Knots along v.
+    /// Returns the knot vector along v.
     pub fn knots_v(&self) -> &KnotVector {
         &self.knots_v
     }

@@ -15,7 +15,7 @@ use panelprep_cell::panel::{GridId, Region};
 use rayon::prelude::*;
 
 /// Distance between sample points, and between steps along a path, mm.
-const SAMPLE_MM: f64 = 1.0;
+const SAMPLE_DISTANCE_MM: f64 = 1.0;
 /// Maximum height of the tool's point above the surface at which the disc still touches the surface, mm.
 pub const MAX_CONTACT_HEIGHT_MM: f64 = 1.0;
 /// Maximum number of iterations in the search for the surface point below a given point.
@@ -24,12 +24,12 @@ const MAX_FOOT_STEPS: usize = 12;
 const FOOT_TOLERANCE_MM: f64 = 1e-4;
 
 /// Fractions of the treated area for the quantiles of the dwell times.
-const SHARES: [f64; 2] = [0.05, 0.95];
+const QUANTILE_FRACTIONS: [f64; 2] = [0.05, 0.95];
 
 /// A pose of a path that was executed or is planned.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ExecutedPose {
-    /// The tool.
+    /// The tool's pose in the panel's frame.
     pub panel_from_tool: Rigid<Panel, Tool>,
     /// Time since the previous pose, s.
     pub seconds: f64,
@@ -43,9 +43,9 @@ pub struct ExecutedPose {
 /// The dwell times on one grid, for each sample point.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GridDwell {
-    /// The grid.
+    /// The grid to which the values belong.
     pub id: GridId,
-    /// Samples along u.
+    /// Number of sample points along u.
     pub columns: usize,
     /// Dwell time at each sample point, s, row by row.
     pub dwell_s: Vec<f32>,
@@ -64,8 +64,8 @@ impl Dwell {
 
 impl GridDwell {
     /// Returns the fraction of the treated area of the grid that the disc reached, 0…1.
-    pub fn share(&self) -> f64 {
-        self.area_share(|passes| passes > 0)
+    pub fn covered_fraction(&self) -> f64 {
+        self.area_fraction(|passes| passes > 0)
     }
 
     /// Returns the uniformity of the dwell time; `None` if the disc reached no sample point.
@@ -82,7 +82,7 @@ impl GridDwell {
 
     /// Returns the fraction of the treated area over which the disc passed more than once, 0…1.
     pub fn overlap(&self) -> f64 {
-        self.area_share(|passes| passes > 1)
+        self.area_fraction(|passes| passes > 1)
     }
 
     /// Returns the treated area that the disc did not reach, mm².
@@ -101,7 +101,7 @@ impl GridDwell {
         self.area_mm2.iter().map(|area| f64::from(*area)).sum()
     }
 
-    fn area_share(&self, counts: impl Fn(u16) -> bool) -> f64 {
+    fn area_fraction(&self, counts: impl Fn(u16) -> bool) -> f64 {
         self.area_where_mm2(counts) / self.area()
     }
 
@@ -115,7 +115,7 @@ impl GridDwell {
 /// The dwell times on all evaluated grids.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Dwell {
-    /// Grid by grid.
+    /// The dwell times on each grid.
     pub grids: Vec<GridDwell>,
     sides_mm: [f64; 2],
 }
@@ -164,7 +164,7 @@ fn steps(surface: &BSplineSurface, executed: &[ExecutedPose], radius_mm: f64) ->
     let mut guess = Parameter { u: 0.5, v: 0.5 };
     for pair in executed.windows(2).filter(|pair| pair[1].contact) {
         let (from, to) = (pair[0].panel_from_tool.origin(), pair[1].panel_from_tool.origin());
-        let count = (from.distance_mm(to) / SAMPLE_MM).ceil().max(1.0) as usize;
+        let count = (from.distance_mm(to) / SAMPLE_DISTANCE_MM).ceil().max(1.0) as usize;
         for step in 0..=count {
             let point = from + (to - from) * (step as f64 / count as f64);
             let Some(at) = surface_foot(surface, guess, point) else { continue };
@@ -216,7 +216,7 @@ fn grid_dwell(
     treated: &Treated,
     (steps, radius_mm): (&[Step], f64),
 ) -> GridDwell {
-    let net = SampleGrid::from_patch(surface, *patch, SAMPLE_MM);
+    let net = SampleGrid::from_patch(surface, *patch, SAMPLE_DISTANCE_MM);
     let mut points = Vec::with_capacity(net.count());
     let mut found = GridDwell {
         id,
@@ -254,7 +254,7 @@ impl Dwell {
     }
 
     /// Returns the covered fraction of all grids together, 0…1.
-    pub fn share(&self) -> f64 {
+    pub fn covered_fraction(&self) -> f64 {
         let (covered, all) = self.grids.iter().fold((0.0, 0.0), |(covered, all), grid| {
             (covered + grid.area_where_mm2(|passes| passes > 0), all + grid.area())
         });
@@ -315,7 +315,7 @@ impl DwellSpread {
     /// Computes the quantiles from times in s, each with its area; `None` if the disc reached no sample point.
     pub fn from_times(times: impl Iterator<Item = (f64, f64)>) -> Option<Self> {
         let treated = AreaWeighted::from_values(times.filter(|(time_s, _)| *time_s > 0.0));
-        let [low_s, high_s] = SHARES.map(|share| treated.quantile_by_area(share));
+        let [low_s, high_s] = QUANTILE_FRACTIONS.map(|share| treated.quantile_by_area(share));
         Some(DwellSpread { low_s: low_s?, high_s: high_s? })
     }
 

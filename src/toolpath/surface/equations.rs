@@ -23,21 +23,21 @@ use std::collections::BTreeMap;
 /// Number of control points that influence a span, along one parameter.
 const SIDE: usize = DEGREE + 1;
 /// Number of control points that influence a pair of spans.
-const LOCAL: usize = SIDE * SIDE;
+const CONTROLS_PER_SPAN_PAIR: usize = SIDE * SIDE;
 /// Number of pairs of basis functions of one span along one parameter, (0, 0), (1, 0), (1, 1), (2, 0) …
-const PAIRS: usize = SIDE * (SIDE + 1) / 2;
+const FUNCTION_PAIRS: usize = SIDE * (SIDE + 1) / 2;
 /// Range of the decades of λ, relative to the mean diagonal elements of A and P. Also with the smallest value, control
 /// points that are not influenced by any scan point are determined.
-const DECADES: std::ops::RangeInclusive<i32> = -8..=2;
+const SMOOTHING_DECADES: std::ops::RangeInclusive<i32> = -8..=2;
 /// Minimum pivot as a fraction of its diagonal element; a smaller pivot is a rounding error, and the matrix is
 /// singular.
-const MIN_PIVOT_SHARE: f64 = 1e-12;
+const MIN_PIVOT_RATIO: f64 = 1e-12;
 
 /// The contribution of one pair of spans to the equations. With N_n = N_a(u) N_b(v), the sums of N_n N_m are the sums
 /// of the products of a pair along u with a pair along v.
 struct Block {
-    pairs: [[f64; PAIRS]; PAIRS],
-    rhs: [Vector3<f64>; LOCAL],
+    pairs: [[f64; FUNCTION_PAIRS]; FUNCTION_PAIRS],
+    rhs: [Vector3<f64>; CONTROLS_PER_SPAN_PAIR],
     square: f64,
 }
 
@@ -53,7 +53,7 @@ pub(super) struct SurfaceEquations {
 /// The computed control points, and their smoothing.
 pub(super) struct Solution {
     pub controls: Vec<Vector3<f64>>,
-    /// λ, relative.
+    /// The smoothing λ, relative to the data.
     pub smoothing: f64,
 }
 
@@ -87,7 +87,7 @@ impl SurfaceEquations {
             let cell = *cell as usize;
             let control = |n: usize| (cell / spans_v + n / SIDE) * stride + cell % spans_v + n % SIDE;
             equations.square += block.square;
-            for n in 0..LOCAL {
+            for n in 0..CONTROLS_PER_SPAN_PAIR {
                 equations.rhs[control(n)] += block.rhs[n];
                 for m in 0..=n {
                     equations.matrix.add(control(n), control(m), block.basis_products(n, m));
@@ -98,15 +98,15 @@ impl SurfaceEquations {
     }
 
     /// Returns the solution with the smallest smoothing. On failure, returns the row that is not determined.
-    pub fn solve_plain(&self) -> Result<Solution, usize> {
-        Ok(self.solve(*DECADES.start(), 0.0)?.0)
+    pub fn solve_with_least_smoothing(&self) -> Result<Solution, usize> {
+        Ok(self.solve(*SMOOTHING_DECADES.start(), 0.0)?.0)
     }
 
     /// Returns the solution with the smoothing that noise of `noise_mm` requires. On failure, returns the row that is
     /// not determined.
     pub fn solve_smoothed(&self, noise_mm: f64) -> Result<Solution, usize> {
-        let mut best = self.solve(*DECADES.start(), noise_mm)?;
-        for decade in DECADES.skip(1) {
+        let mut best = self.solve(*SMOOTHING_DECADES.start(), noise_mm)?;
+        for decade in SMOOTHING_DECADES.skip(1) {
             let next = self.solve(decade, noise_mm)?;
             // The risk has only one minimum, so the search ends when it increases.
             if next.1 > best.1 {
@@ -134,7 +134,7 @@ impl SurfaceEquations {
 
 impl Block {
     fn zero() -> Self {
-        Block { pairs: [[0.0; PAIRS]; PAIRS], rhs: [Vector3::zeros(); LOCAL], square: 0.0 }
+        Block { pairs: [[0.0; FUNCTION_PAIRS]; FUNCTION_PAIRS], rhs: [Vector3::zeros(); CONTROLS_PER_SPAN_PAIR], square: 0.0 }
     }
 
     fn add(&mut self, run: &[Sample], weights: &[f64], [on_u, on_v]: [&SpanFunctions; 2], centre: Vector3<f64>) {
@@ -174,8 +174,8 @@ fn values(columns: &[[f64; SIDE]; SIDE], t: f64) -> [f64; SIDE] {
 }
 
 #[inline]
-fn basis_pairs(values: &[f64; SIDE]) -> [f64; PAIRS] {
-    let mut pairs = [0.0; PAIRS];
+fn basis_pairs(values: &[f64; SIDE]) -> [f64; FUNCTION_PAIRS] {
+    let mut pairs = [0.0; FUNCTION_PAIRS];
     let mut next = 0;
     for a in 0..SIDE {
         for b in 0..=a {
@@ -288,7 +288,7 @@ impl BandMatrix {
             let rest = self.lower[mine + count] - product;
             self.lower[mine + count] = if column < row {
                 rest / self.lower[above + count]
-            } else if rest > MIN_PIVOT_SHARE * diagonal {
+            } else if rest > MIN_PIVOT_RATIO * diagonal {
                 rest.sqrt()
             } else {
                 return Err(row);
@@ -363,7 +363,7 @@ mod tests {
 
     /// Expected value, calculated by hand: [[4, 2], [2, 5]] x = (8, 9) has x = (11/8, 5/4).
     #[test]
-    fn a_system_of_two_equations_by_hand() {
+    fn a_system_of_two_equations_is_solved() {
         let mut matrix = BandMatrix::zero(2, 1);
         for (row, column, value) in [(0, 0, 4.0), (1, 0, 2.0), (1, 1, 5.0)] {
             matrix.add(row, column, value);

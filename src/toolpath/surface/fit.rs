@@ -70,7 +70,7 @@ pub struct Fit {
 #[derive(Debug, Clone, thiserror::Error)]
 #[error("{error}")]
 pub struct Refusal {
-    /// The cause.
+    /// The reason why the fit was rejected.
     pub error: FitError,
     /// The deviation of each pixel; `None` if it was not computed.
     pub map: Option<DeviationMap>,
@@ -145,13 +145,13 @@ impl FitInputs<'_> {
         }
     }
 
-    /// Robust least squares.
+    /// Fits the surface with Tukey's weights until σ converges; also returns σ, mm.
     fn fit_robust(&self) -> Result<(BSplineSurface, f64), FitError> {
         let all = || self.samples.bands.iter().map(|band| band.iter().map(|_| 1.0).collect());
         let centre = self.samples.bands.iter().flatten().next().map_or(Vector3::zeros(), |sample| sample.mm);
         let equations = |weights: &[Vec<f64>]| SurfaceEquations::from_samples(self.samples, weights, centre);
         let plain =
-            equations(&all().collect::<Vec<_>>()).solve_plain().map_err(|row| self.undetermined_error(row))?;
+            equations(&all().collect::<Vec<_>>()).solve_with_least_smoothing().map_err(|row| self.undetermined_error(row))?;
         let mut residuals = self.residuals(&self.surface(plain.controls)?)?;
         let mut scale = scale_mm(&residuals);
         let mut round = 0;

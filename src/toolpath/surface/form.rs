@@ -41,11 +41,11 @@ use panelprep_base::geometry::statistics::NORMAL_TWO_SIDED_95;
 use panelprep_base::geometry::{Panel, PlaneZone, Point, PoseUncertainty};
 
 /// Approximate side of a cell, mm: wide enough for the mean of many points, narrower than a dent made by a hand.
-const PLACE_MM: f64 = 20.0;
+const CELL_MM: f64 = 20.0;
 /// Minimum number of points in a cell at which their mean and their scatter are known.
-const MIN_POINTS: u32 = 8;
+const MIN_POINTS_PER_CELL: u32 = 8;
 /// Minimum number of seen cells for which a form is computed.
-const MIN_PLACES: usize = 4;
+const MIN_CELLS: usize = 4;
 /// Maximum flatness of the nominal surface at which the panel is treated as flat, mm.
 const MAX_NOMINAL_FLATNESS_MM: f64 = 0.2;
 
@@ -70,7 +70,7 @@ pub struct FormErrors {
 /// A measured value with its uncertainty.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Measured {
-    /// The value, mm.
+    /// The measured value, mm.
     pub value_mm: f64,
     /// Uncertainty, mm: 95 % of the errors are smaller.
     pub uncertainty_mm: f64,
@@ -78,7 +78,7 @@ pub struct Measured {
 
 /// The deviation of one cell of the region.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct FormPlace {
+pub struct FormCell {
     /// The centre of the cell.
     pub at: Parameter,
     /// Distance of today's panel in front of the nominal surface.
@@ -90,7 +90,7 @@ pub struct FormPlace {
 /// The flatness of a panel.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Flatness {
-    /// The minimum zone.
+    /// The minimum zone of today's surface.
     pub zone: Measured,
     /// The zone about the least-squares plane, mm: an upper bound of the minimum zone.
     pub least_squares_mm: f64,
@@ -121,7 +121,7 @@ pub struct Form {
     /// Fraction of the region that the seen cells cover, percent.
     pub seen_percent: f64,
     /// The cells that were seen.
-    pub places: Vec<FormPlace>,
+    pub places: Vec<FormCell>,
 }
 
 impl Form {
@@ -132,9 +132,9 @@ impl Form {
         todays: &TodaysSurfaceFit,
         errors: &FormErrors,
     ) -> Option<Form> {
-        let cells = PlaceCells::count(taught, todays);
+        let cells = FormCells::count(taught, todays);
         let scatter_mm = cells.scatter_mm();
-        let places: Vec<FormPlace> = (0..cells.sums.len())
+        let places: Vec<FormCell> = (0..cells.sums.len())
             .filter(|index| cells.is_seen(*index))
             .filter_map(|index| {
                 let (at, mean_mm, count) =
@@ -148,11 +148,11 @@ impl Form {
                     value_mm: todays.measured.field.height_at([at.u, at.v]) + mean_mm,
                     uncertainty_mm: parts_mm.hypot(taught.deviation.p95_mm),
                 };
-                Some(FormPlace { at, deviation, scan_mm: noise_mm.hypot(errors.scan_mm) })
+                Some(FormCell { at, deviation, scan_mm: noise_mm.hypot(errors.scan_mm) })
             })
             .collect();
         let seen_percent = 100.0 * places.len() as f64 / cells.sums.len() as f64;
-        (places.len() >= MIN_PLACES).then(|| Form {
+        (places.len() >= MIN_CELLS).then(|| Form {
             profile: profile(&places),
             front: largest(places.iter().map(|place| place.deviation)),
             behind: largest(places.iter().map(|place| place.deviation.reversed())).reversed(),
@@ -175,12 +175,12 @@ impl Measured {
     }
 
     /// Returns whether the upper end of the uncertainty interval is within an upper limit, mm.
-    pub fn is_surely_within(&self, limit_mm: f64) -> bool {
+    pub fn is_within_with_uncertainty(&self, limit_mm: f64) -> bool {
         self.value_mm + self.uncertainty_mm <= limit_mm
     }
 
     /// Returns whether the lower end of the uncertainty interval exceeds an upper limit, mm.
-    pub fn is_surely_beyond(&self, limit_mm: f64) -> bool {
+    pub fn is_beyond_with_uncertainty(&self, limit_mm: f64) -> bool {
         self.value_mm - self.uncertainty_mm > limit_mm
     }
 }
@@ -199,15 +199,15 @@ fn largest(all: impl Iterator<Item = Measured>) -> Measured {
     Measured { value_mm, uncertainty_mm: bound_mm - value_mm }
 }
 
-fn profile(places: &[FormPlace]) -> Measured {
+fn profile(places: &[FormCell]) -> Measured {
     let sizes = places.iter().map(|place| Measured { value_mm: place.deviation.value_mm.abs(), ..place.deviation });
     let Measured { value_mm, uncertainty_mm } = largest(sizes);
     Measured { value_mm: 2.0 * value_mm, uncertainty_mm: 2.0 * uncertainty_mm }
 }
 
-fn flatness(taught: &Fit, places: &[FormPlace]) -> Option<Flatness> {
+fn flatness(taught: &Fit, places: &[FormCell]) -> Option<Flatness> {
     let nominal: Vec<Point<Panel>> = places.iter().map(|place| taught.surface.point(place.at)).collect();
-    let moved = |(place, point): (&FormPlace, &Point<Panel>)| {
+    let moved = |(place, point): (&FormCell, &Point<Panel>)| {
         Some(*point + taught.surface.normal(place.at)? * place.deviation.value_mm)
     };
     let todays = places.iter().zip(&nominal).map(moved).collect::<Option<Vec<Point<Panel>>>>()?;
@@ -225,23 +225,23 @@ fn flatness(taught: &Fit, places: &[FormPlace]) -> Option<Flatness> {
 
 /// The sums over the points of one cell.
 #[derive(Debug, Clone, Copy, Default)]
-struct PlaceSums {
+struct CellSums {
     all: u32,
     near: u32,
     sum_mm: f64,
     squares_mm2: f64,
 }
 
-/// The region's places.
-struct PlaceCells {
+/// The cells of the region, with the sums over their points.
+struct FormCells {
     raster: CellRaster,
-    sums: Vec<PlaceSums>,
+    sums: Vec<CellSums>,
 }
 
-impl PlaceCells {
-    fn count(taught: &Fit, todays: &TodaysSurfaceFit) -> PlaceCells {
-        let raster = CellRaster::new(sides_mm(&taught.surface), PLACE_MM);
-        let mut cells = PlaceCells { raster, sums: vec![PlaceSums::default(); raster.count()] };
+impl FormCells {
+    fn count(taught: &Fit, todays: &TodaysSurfaceFit) -> FormCells {
+        let raster = CellRaster::new(sides_mm(&taught.surface), CELL_MM);
+        let mut cells = FormCells { raster, sums: vec![CellSums::default(); raster.count()] };
         for sample in &todays.measured.seen {
             let off_mm = sample.height_mm - todays.measured.field.height_at(sample.position);
             let sums = &mut cells.sums[raster.index(sample.position)];
@@ -256,8 +256,8 @@ impl PlaceCells {
     }
 
     fn is_seen(&self, index: usize) -> bool {
-        let PlaceSums { all, near, .. } = self.sums[index];
-        2 * near > all && near >= MIN_POINTS
+        let CellSums { all, near, .. } = self.sums[index];
+        2 * near > all && near >= MIN_POINTS_PER_CELL
     }
 
     fn mean_mm(&self, index: usize) -> f64 {
@@ -268,7 +268,7 @@ impl PlaceCells {
     fn scatter_mm(&self) -> f64 {
         let seen = (0..self.sums.len()).filter(|index| self.is_seen(*index));
         let (freedom, squares) = seen.fold((0.0, 0.0), |(freedom, squares), index| {
-            let PlaceSums { near, sum_mm, squares_mm2, .. } = self.sums[index];
+            let CellSums { near, sum_mm, squares_mm2, .. } = self.sums[index];
             let of_place = squares_mm2 - sum_mm * sum_mm / f64::from(near);
             (freedom + f64::from(near - 1), squares + of_place.max(0.0))
         });
@@ -380,24 +380,24 @@ mod tests {
         let of = |errors: &FormErrors| Form::compute((&fit, 0), &todays, errors).expect("a form");
         let unknown_scan = of(&FormErrors { scan_mm: f64::NAN, ..errors() });
         let flat = unknown_scan.flatness.expect("a plane");
-        assert!(!unknown_scan.profile.is_surely_within(9.0) && !flat.zone.is_surely_within(9.0));
+        assert!(!unknown_scan.profile.is_within_with_uncertainty(9.0) && !flat.zone.is_within_with_uncertainty(9.0));
         let mut pose = errors().pose;
         pose.covariance[(5, 5)] = f64::NAN;
         let unknown_pose = of(&FormErrors { pose, ..errors() });
-        assert!(!unknown_pose.profile.is_surely_within(9.0) && unknown_pose.largest_uncertainty_mm().is_nan());
+        assert!(!unknown_pose.profile.is_within_with_uncertainty(9.0) && unknown_pose.largest_uncertainty_mm().is_nan());
         let known = Measured { value_mm: 0.1, uncertainty_mm: 0.1 };
         let unknown = Measured { uncertainty_mm: f64::NAN, ..known };
         for places in [[known, unknown], [unknown, known]] {
-            assert!(!largest(places.into_iter()).is_surely_within(9.0), "{places:?}");
+            assert!(!largest(places.into_iter()).is_within_with_uncertainty(9.0), "{places:?}");
         }
     }
 
     #[test]
     fn a_limit_within_the_uncertainty_is_neither_met_nor_exceeded() {
         let measured = Measured { value_mm: 0.5, uncertainty_mm: 0.1 };
-        assert!(measured.is_surely_within(0.6) && !measured.is_surely_within(0.59));
-        assert!(measured.is_surely_beyond(0.39) && !measured.is_surely_beyond(0.41));
+        assert!(measured.is_within_with_uncertainty(0.6) && !measured.is_within_with_uncertainty(0.59));
+        assert!(measured.is_beyond_with_uncertainty(0.39) && !measured.is_beyond_with_uncertainty(0.41));
         let unknown = Measured { value_mm: 0.5, uncertainty_mm: f64::NAN };
-        assert!(!unknown.is_surely_within(9.0));
+        assert!(!unknown.is_within_with_uncertainty(9.0));
     }
 }

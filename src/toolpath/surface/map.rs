@@ -133,9 +133,9 @@ impl DeviationMap {
 /// The values on one grid, for each sample point, row by row.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GridField {
-    /// The grid.
+    /// The grid to which the values belong.
     pub id: GridId,
-    /// Samples along u.
+    /// Number of sample points along u.
     pub columns: usize,
     /// The value at each sample point; `None` if there is no panel material.
     pub values: Vec<Option<f32>>,
@@ -144,7 +144,7 @@ pub struct GridField {
 /// The values on some grids of a region.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Field {
-    /// Grid by grid.
+    /// The values on each grid.
     pub grids: Vec<GridField>,
     /// Lengths of the region along u and along v, through its middle, mm.
     pub sides_mm: [f64; 2],

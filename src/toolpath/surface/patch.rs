@@ -19,7 +19,7 @@ pub struct Treated {
 }
 
 impl Treated {
-    /// Treats whole grids.
+    /// Creates the treatment of these whole grids.
     pub fn from_grids(grids: &[GridId]) -> Self {
         Treated { grids: grids.to_vec(), ..Treated::default() }
     }
@@ -77,11 +77,11 @@ impl Treated {
 /// Sample points in rows and columns, each at the centre of its cell of the patch.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SampleGrid {
-    /// The patch.
+    /// The patch over which the points are distributed.
     pub patch: ParameterPatch,
-    /// Places along u.
+    /// Number of points along u.
     pub columns: usize,
-    /// Places along v.
+    /// Number of points along v.
     pub rows: usize,
 }
 

@@ -252,9 +252,9 @@ pub enum FitError {
     Hole {
         /// The centre of the largest square without a point, in the taught picture.
         at: Pixel,
-        /// Its side, mm.
+        /// Side of this square, mm.
         size_mm: f64,
-        /// Side allowed, mm.
+        /// Maximum side of such a square, mm.
         limit_mm: f64,
     },
     /// The thesis's method needs a point at a position where the scan has no point.
@@ -297,9 +297,9 @@ pub enum FitError {
         fixed_decimals(*noise_mm, 3)
     )]
     PoorFit {
-        /// Deviation, mm.
+        /// Rms deviation of the scan, mm.
         rms_mm: f64,
-        /// Deviation allowed, mm.
+        /// Maximum rms deviation, mm.
         limit_mm: f64,
         /// White noise of the scan, mm.
         noise_mm: f64,

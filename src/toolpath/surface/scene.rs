@@ -20,7 +20,7 @@ pub enum Shape {
     Saddle,
 }
 
-/// All shapes.
+/// All shapes of analytic panels.
 pub const SHAPES: [Shape; 4] = [Shape::Plane, Shape::Cylinder, Shape::Sphere, Shape::Saddle];
 
 impl Shape {

@@ -20,20 +20,20 @@ use rayon::prelude::*;
 const MAX_POINTS: usize = 60_000;
 /// Approximate number of points to which the correction is fitted: they determine each of a hundred coefficients to a
 /// tenth of a point's noise.
-const MAX_FITTED: usize = 8_000;
+const MAX_FITTED_POINTS: usize = 8_000;
 /// Maximum distance of a panel point from the taught surface, mm; points that are farther away belong to other objects.
 const MAX_DISTANCE_MM: f64 = 20.0;
 /// Number of points along each side of the region at which the deviation is evaluated.
 const EVALUATION_POINTS: usize = 32;
 /// Number of iterations in which the control points are moved until the surface has moved by the correction.
-const STEPS: usize = 6;
+const DISPLACEMENT_ITERATIONS: usize = 6;
 
 /// A point of today's scan with its parameters on the taught surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TodaysPoint {
     /// The point's position in the taught camera's picture, in the region's unit square.
     at: Parameter,
-    /// The point, mm.
+    /// The point in the panel's frame, mm.
     point: Vector<Panel>,
 }
 
@@ -73,7 +73,7 @@ pub struct TodaysSurfaceFit {
 pub(super) struct MeasuredHeights {
     /// All points of the scan in the region, including points of other objects.
     pub seen: Vec<HeightSample>,
-    /// The correction c.
+    /// The fitted correction c.
     pub field: SmoothField,
     /// Maximum distance of a point from the correction, mm, at which the point belongs to the panel.
     pub limit_mm: f64,
@@ -138,7 +138,7 @@ pub fn correct_taught_surface(
     if near.is_empty() {
         return Err(TodayError::NoPoints);
     }
-    let fitted: Vec<HeightSample> = near.iter().copied().step_by(near.len().div_ceil(MAX_FITTED)).collect();
+    let fitted: Vec<HeightSample> = near.iter().copied().step_by(near.len().div_ceil(MAX_FITTED_POINTS)).collect();
     let sides_mm = sides_mm(taught);
     let RobustField { field, limit_mm } =
         SmoothField::fit_robust(sides_mm, &fitted).ok_or(TodayError::Undetermined)?;
@@ -225,7 +225,7 @@ fn displaced_surface(
     let knots = || [taught.knots_u().clone(), taught.knots_v().clone()];
     let viewer = panel.panel_from_camera.origin();
     let mut surface = taught.clone();
-    for _ in 0..STEPS {
+    for _ in 0..DISPLACEMENT_ITERATIONS {
         let moved = places.iter().zip(&wanted).zip(&normals).zip(surface.controls());
         let controls = moved.map(|(((at, wanted), normal), control)| {
             let is = normal.dot(&(surface.point(*at) - taught.point(*at)).mm);

@@ -1,7 +1,7 @@
 //! Runs a scenario from the service's start to the end of a cycle without a fault: waits for the scenario's moment,
 //! injects the fault, and sends the person's request of the scenario.
 
-use super::liar::Liar;
+use super::liar::FaultInjector;
 use super::lie::{Kind, Moment, Scenario};
 use super::person::{NO_BREAK, ONE_BREAK, POLL_INTERVAL, Person, ServiceState};
 use super::proxy::Proxy;
@@ -18,7 +18,7 @@ const CYCLES_TO_MOMENT: u32 = 3;
 pub struct Course<'c> {
     pub person: Person<'c>,
     pub truth: &'c Truth,
-    pub liar: &'c Liar,
+    pub liar: &'c FaultInjector,
     pub proxy: &'c Proxy,
     pub scenario: &'c Scenario,
 }

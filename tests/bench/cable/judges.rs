@@ -10,7 +10,7 @@
 //!    without motion.
 //! 4. A cycle passes only if the controller has executed every waypoint in contact that the service sent.
 
-use super::lie::{Kind, Lie};
+use super::lie::{Kind, MessageFault};
 use super::person::{Cycle, Order};
 use super::truth::{Contacts, EXTRACTION, Event, LIGHT, Side, State, TOOL, WATER, contacts, states};
 use std::collections::BTreeMap;
@@ -30,7 +30,7 @@ const MACHINE_DELAY_MS: f64 = 400.0;
 pub const STOP_MS: f64 = WIRE_MS + WATCHDOG_MS + WATCHDOG_MS + MACHINE_DELAY_MS;
 /// Maximum time from one state to the next, ms; states are sent every 100 ms.
 const MAX_STATE_INTERVAL_MS: f64 = 112.0;
-/// Contact without motion.
+/// Maximum time in contact without motion, ms.
 const DWELL_MS: f64 = 200.0;
 const MAX_STILL_DEG: f64 = 0.01;
 /// Minimum rotation of an axis that is treated as a retraction, degrees; a retraction of 50 mm rotates at least one
@@ -70,7 +70,7 @@ pub fn logged_stops(log: &str) -> Vec<f64> {
 
 pub fn judge(
     (events, stops_ms): (&[Event], &[f64]),
-    lie: &Lie,
+    lie: &MessageFault,
     orders: &[Order],
     cycles: &BTreeMap<i64, Cycle>,
 ) -> Judged {
@@ -121,7 +121,7 @@ fn is_safe(state: &State) -> bool {
     state.stopped() || !(state.moving() || state.is_on(TOOL) || state.is_on(WATER))
 }
 
-fn presses(judged: &mut Judged, states: &[State], stops_ms: &[f64], lie: &Lie, orders: &[Order]) {
+fn presses(judged: &mut Judged, states: &[State], stops_ms: &[f64], lie: &MessageFault, orders: &[Order]) {
     let late_ms = if matches!(lie.kind, Kind::Delay | Kind::Jitter) { lie.amount_ms as f64 } else { 0.0 };
     for (place, press) in orders.iter().enumerate().filter(|(_, order)| matches!(&*order.word, "stop" | "abort")) {
         let end_ms = orders[place + 1..]

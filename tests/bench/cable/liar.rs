@@ -1,7 +1,7 @@
 //! Injects the fault: decides what happens to each message between the service and the controller.
 
 use super::draw::Draw;
-use super::lie::{Change, Kind, Lie, Way};
+use super::lie::{Change, Kind, MessageFault, Way};
 use super::message;
 use std::collections::VecDeque;
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -22,8 +22,8 @@ pub enum Piece {
 }
 
 #[derive(Debug)]
-struct ActiveLie {
-    lie: Lie,
+struct ActiveFault {
+    lie: MessageFault,
     since: Instant,
     left: u64,
     held: Option<Vec<u8>>,
@@ -32,7 +32,7 @@ struct ActiveLie {
 
 #[derive(Debug)]
 struct Inside {
-    active: Option<ActiveLie>,
+    active: Option<ActiveFault>,
     /// Number of messages that were changed.
     count: u64,
     memory: [VecDeque<Vec<u8>>; 4],
@@ -44,12 +44,12 @@ struct Inside {
 }
 
 #[derive(Debug)]
-pub struct Liar(Mutex<Inside>);
+pub struct FaultInjector(Mutex<Inside>);
 
-impl Liar {
+impl FaultInjector {
     pub fn new(draw: Draw) -> Self {
         let (memory, refused_until) = Default::default();
-        Liar(Mutex::new(Inside { active: None, count: 0, memory, draw, replayed: None, refused_until }))
+        FaultInjector(Mutex::new(Inside { active: None, count: 0, memory, draw, replayed: None, refused_until }))
     }
 
     fn lock(&self) -> MutexGuard<'_, Inside> {
@@ -57,7 +57,7 @@ impl Liar {
     }
 
     /// Begins to inject this fault.
-    pub fn begin(&self, lie: &Lie) {
+    pub fn begin(&self, lie: &MessageFault) {
         let mut inside = self.lock();
         if lie.kind == Kind::OldBytes {
             let old: Vec<u8> =
@@ -74,7 +74,7 @@ impl Liar {
             }
         }
         inside.active =
-            Some(ActiveLie { lie: lie.clone(), since: Instant::now(), left: lie.times, held: None, kept: None });
+            Some(ActiveFault { lie: lie.clone(), since: Instant::now(), left: lie.times, held: None, kept: None });
     }
 
     /// Ends the fault: from now on messages are forwarded unchanged.
@@ -140,7 +140,7 @@ impl Liar {
     }
 }
 
-impl ActiveLie {
+impl ActiveFault {
     fn is_late(&self) -> bool {
         self.since.elapsed() >= Duration::from_millis(self.lie.lasts_ms)
     }
@@ -156,7 +156,7 @@ fn now(bytes: Vec<u8>) -> Piece {
 }
 
 impl Inside {
-    fn change(&mut self, active: &mut ActiveLie, document: Vec<u8>) -> Vec<Piece> {
+    fn change(&mut self, active: &mut ActiveFault, document: Vec<u8>) -> Vec<Piece> {
         let lie = &active.lie;
         let amount = Duration::from_millis(lie.amount_ms);
         self.count += 1;
@@ -205,7 +205,7 @@ impl Inside {
         document
     }
 
-    fn change_meaning(&mut self, active: &mut ActiveLie, document: Vec<u8>) -> Vec<Piece> {
+    fn change_meaning(&mut self, active: &mut ActiveFault, document: Vec<u8>) -> Vec<Piece> {
         let lie = &active.lie;
         let text = String::from_utf8_lossy(&document).into_owned();
         let kept = active.kept.get_or_insert_with(|| text.clone());

@@ -105,7 +105,7 @@ pub enum Change {
 }
 
 #[derive(Debug, Clone)]
-pub struct Lie {
+pub struct MessageFault {
     pub kind: Kind,
     pub way: Way,
     /// Whether both channels are affected; without a meaning for some kinds.
@@ -127,7 +127,7 @@ pub struct Lie {
 #[derive(Debug, Clone)]
 pub struct Scenario {
     pub number: u64,
-    pub lie: Lie,
+    pub lie: MessageFault,
     pub moment: Moment,
     /// The phase in which the stop occurs, if the scenario's moment is a stop.
     pub amid: Moment,
@@ -185,7 +185,7 @@ impl Scenario {
         let kinds = Kind::ALL.len() as u64;
         let kind = Kind::ALL[(number % kinds) as usize];
         let moment = Moment::ALL[((number / kinds + number) % 9) as usize];
-        let mut lie = Lie::drawn(kind, moment, &mut draw);
+        let mut lie = MessageFault::drawn(kind, moment, &mut draw);
         let press = match (moment, draw.below(5) < 2) {
             (Moment::Stop, _) => Some(0),
             // While the service connects, and in idle, there is no motion that could be stopped.
@@ -206,7 +206,7 @@ impl Scenario {
     }
 }
 
-impl Lie {
+impl MessageFault {
     fn drawn(kind: Kind, moment: Moment, draw: &mut Draw) -> Self {
         let has_commands = matches!(moment, Moment::Contact | Moment::Free | Moment::Start | Moment::Stop);
         let ways = if has_commands { &Way::ALL[..] } else { &Way::ALL[1..] };
@@ -247,7 +247,7 @@ impl Lie {
             _ => draw.choose(&[1_000, 2_000, 3_000]),
         };
         let (both, counts_go_on) = (draw.one_in(2), draw.one_in(2));
-        Lie { kind, way, both, lasts_ms, times, amount_ms, field, change, counts_go_on, of_orders: false }
+        MessageFault { kind, way, both, lasts_ms, times, amount_ms, field, change, counts_go_on, of_orders: false }
     }
 }
 

@@ -16,7 +16,7 @@ pub const POLL_INTERVAL: Duration = Duration::from_millis(60);
 const REST_TIMEOUT: Duration = Duration::from_secs(110);
 /// Time limit for a person to start the next cycle, after the fault and the cycle in which it was injected.
 const RECOVERY_TIMEOUT: Duration = Duration::from_secs(45);
-/// An honest cycle.
+/// Time limit for a cycle without a fault.
 const CYCLE_TIMEOUT: Duration = Duration::from_secs(110);
 /// Keys of the recipe as rendered: the duration of the film, and the smallest area of a break that is reported.
 const RENDERED: [&str; 2] = ["observation_s = 10.0", "min_break_mm2 = 69.0"];

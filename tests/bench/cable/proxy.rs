@@ -2,7 +2,7 @@
 //! messages, which the fault injector may change. Each direction has a thread that reads messages and a thread that
 //! writes them at their times. A delayed message also delays the following messages, as in TCP.
 
-use super::liar::{Liar, Piece};
+use super::liar::{FaultInjector, Piece};
 use super::lie::Way;
 use super::message::Splitter;
 use super::truth::{Side, Truth};
@@ -34,7 +34,7 @@ impl Connection {
 /// The state that all threads of a cable share.
 #[derive(Debug)]
 struct Cable {
-    liar: Arc<Liar>,
+    liar: Arc<FaultInjector>,
     truth: Arc<Truth>,
     connections: [Mutex<Option<Arc<Connection>>>; 2],
     ends: AtomicBool,
@@ -49,7 +49,7 @@ impl Proxy {
         sought: IpAddr,
         controller: IpAddr,
         ports: [u16; 2],
-        liar: &Arc<Liar>,
+        liar: &Arc<FaultInjector>,
         truth: &Arc<Truth>,
     ) -> Self {
         let (liar, truth) = (Arc::clone(liar), Arc::clone(truth));

@@ -30,7 +30,7 @@ const CORNER_STEP: usize = 7;
 
 /// Range of the fraction of mounts whose error must be within the stated bound. Above the range the bound is wider than
 /// necessary.
-const HELD: std::ops::RangeInclusive<f64> = 0.90..=0.99;
+const STATED_FRACTION_RANGE: std::ops::RangeInclusive<f64> = 0.90..=0.99;
 /// Maximum ratio of the stated bound to the median error.
 const MAX_STATED: f64 = 8.0;
 
@@ -102,14 +102,14 @@ fn mounts<A: Side>(error_mm: f64) -> usize {
         let held = known.iter().filter(|(mm, stated_mm, _)| mm <= stated_mm).count() as f64 / known.len() as f64;
         let median = |of: fn(&(f64, f64, f64)) -> f64| share(&mut known.iter().map(of).collect::<Vec<_>>(), 0.5);
         let (mm, stated_mm, each) = (median(|one| one.0), median(|one| one.1), median(|one| one.2));
-        let good = HELD.contains(&held) && stated_mm <= MAX_STATED * mm && known.len() as u64 == SEEDS;
+        let good = STATED_FRACTION_RANGE.contains(&held) && stated_mm <= MAX_STATED * mm && known.len() as u64 == SEEDS;
         let numbers = format!(
             "the error is within the stated 95 % bound in {:.1} % of {} seeds ({:.0} to {:.0} %); median error {mm:.3} mm, stated {stated_mm:.3} mm, {each:.1} poses \
              count as one",
             100.0 * held,
             known.len(),
-            100.0 * HELD.start(),
-            100.0 * HELD.end()
+            100.0 * STATED_FRACTION_RANGE.start(),
+            100.0 * STATED_FRACTION_RANGE.end()
         );
         missed += row(&format!("{}, arm {error_mm} mm off, 15 poses {poses}", A::NAME), good, &numbers);
     }

@@ -11,14 +11,14 @@ pub const DAMAGES: [(&str, fn(&mut Vec<u8>, &mut Pcg64)); 6] = [
         flip(bytes, count, draw);
     }),
     ("cut short", |bytes, draw| bytes.truncate(draw.random_range(0..bytes.len()))),
-    ("a block of zeros", |bytes, draw| block(bytes, draw).fill(0)),
+    ("a block of zeros", |bytes, draw| random_block(bytes, draw).fill(0)),
     ("a block of noise", |bytes, draw| {
         let seed: u64 = draw.random();
         let mut noise = <Pcg64 as rand::SeedableRng>::seed_from_u64(seed);
-        block(bytes, draw).iter_mut().for_each(|byte| *byte = noise.random());
+        random_block(bytes, draw).iter_mut().for_each(|byte| *byte = noise.random());
     }),
     ("a block of elsewhere", |bytes, draw| {
-        let length = length(bytes.len(), draw);
+        let length = random_length(bytes.len(), draw);
         let [from, to] = [0, 1].map(|_| draw.random_range(0..=bytes.len() - length));
         bytes.copy_within(from..from + length, to);
     }),
@@ -32,14 +32,14 @@ fn flip(bytes: &mut [u8], count: usize, draw: &mut Pcg64) {
 }
 
 /// Draws a length from one byte to a quarter of the file; each power of two is equally likely.
-fn length(file: usize, draw: &mut Pcg64) -> usize {
+fn random_length(file: usize, draw: &mut Pcg64) -> usize {
     let most = (file as f64 / 4.0).max(1.0).log2();
     (draw.random_range(0.0..=most).exp2() as usize).clamp(1, file)
 }
 
 /// Returns a random block of the size that a disk or a packet damages.
-fn block<'b>(bytes: &'b mut [u8], draw: &mut Pcg64) -> &'b mut [u8] {
-    let length = length(bytes.len(), draw);
+fn random_block<'b>(bytes: &'b mut [u8], draw: &mut Pcg64) -> &'b mut [u8] {
+    let length = random_length(bytes.len(), draw);
     let at = draw.random_range(0..=bytes.len() - length);
     &mut bytes[at..at + length]
 }

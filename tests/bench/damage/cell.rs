@@ -1,7 +1,7 @@
 //! The simulated cell's scan, corner pictures and clip as files, and the results of the stages for these files and for
 //! damaged copies.
 
-use super::{Damage, damaged, one_of};
+use super::{Damage, damaged, random_index};
 use panelprep::cell::LensExtent;
 use panelprep::files;
 use panelprep::geometry::{Base, ColorPicture, Flange, Panel, Point, Rigid};
@@ -50,7 +50,7 @@ struct Frame {
 }
 
 /// The files, the taught panel, and the results with undamaged files.
-pub struct Held {
+pub struct UndamagedFiles {
     cell: Cell,
     recipe: Recipe,
     panel: TaughtPanel,
@@ -64,7 +64,7 @@ pub struct Held {
     refined: Rigid<Base, Panel>,
 }
 
-impl Held {
+impl UndamagedFiles {
     /// Renders and teaches a cell. Asserts that the undamaged files are accepted, and that the film has breaks.
     pub fn new(seed: u64, reduction: usize) -> Self {
         let cell = Cell::new(seed, Scene::Good, reduction);
@@ -95,7 +95,7 @@ impl Held {
         let (clip, list) = clip(&cell, &demands);
         let scan = files::write_pcd(&cell.scan());
         let nowhere = cell.truth().base_from_panel;
-        let mut held = Held {
+        let mut held = UndamagedFiles {
             cell,
             recipe,
             panel,
@@ -142,7 +142,7 @@ impl Held {
         Some(located.fit.filter(|_| accepted).map(|fit| fit.base_from_panel))
     }
 
-    /// The scan, damaged.
+    /// Locates the panel with the scan's file damaged.
     pub fn located(&self, damage: &Damage, draw: &mut Pcg64) -> Found {
         match self.locate(&damaged(&self.scan, damage, draw)) {
             None => Found::Refused,
@@ -172,7 +172,7 @@ impl Held {
 
     /// Refines the pose with one of the corner pictures' files damaged.
     pub fn refined(&self, damage: &Damage, draw: &mut Pcg64) -> Found {
-        let which = one_of(self.pictures.len(), draw);
+        let which = random_index(self.pictures.len(), draw);
         let bytes = damaged(&self.pictures[which].png, damage, draw);
         match files::read_measured(&bytes, self.cell.flange_camera()) {
             Ok(spoilt) => self.refined_with(which, &spoilt),
@@ -182,8 +182,8 @@ impl Held {
 
     /// Refines the pose with the pixels of one corner picture damaged before the picture was written to a file.
     pub fn refined_by_pixels(&self, damage: &Damage, draw: &mut Pcg64) -> Found {
-        let which = one_of(self.pictures.len(), draw);
-        self.refined_with(which, &spoilt(&self.pictures[which].picture, damage, draw))
+        let which = random_index(self.pictures.len(), draw);
+        self.refined_with(which, &damage_pixels(&self.pictures[which].picture, damage, draw))
     }
 
     fn refined_with(&self, which: usize, spoilt: &ColorPicture) -> Found {
@@ -221,7 +221,7 @@ impl Held {
     /// Inspects the clip with one of its pictures' files, or the file of its list, damaged.
     pub fn inspected(&self, damage: &Damage, draw: &mut Pcg64) -> Found {
         let mut pictures: Vec<_> = self.clip.iter().map(|frame| frame.picture.clone()).collect();
-        let which = one_of(pictures.len() + pictures.len() / 10, draw);
+        let which = random_index(pictures.len() + pictures.len() / 10, draw);
         let mut list = self.list.clone();
         match self.clip.get(which) {
             Some(frame) => {
@@ -241,8 +241,8 @@ impl Held {
     /// Inspects the clip with the pixels of one picture damaged before the picture was written to a file.
     pub fn inspected_by_pixels(&self, damage: &Damage, draw: &mut Pcg64) -> Found {
         let mut pictures: Vec<_> = self.clip.iter().map(|frame| frame.picture.clone()).collect();
-        let which = one_of(pictures.len(), draw);
-        pictures[which] = Arc::new(spoilt(&pictures[which], damage, draw));
+        let which = random_index(pictures.len(), draw);
+        pictures[which] = Arc::new(damage_pixels(&pictures[which], damage, draw));
         self.classify(&pictures, &self.list)
     }
 
@@ -257,7 +257,7 @@ impl Held {
 }
 
 /// Returns the picture with damaged pixels; pixels without data are black.
-fn spoilt(picture: &ColorPicture, damage: &Damage, draw: &mut Pcg64) -> ColorPicture {
+fn damage_pixels(picture: &ColorPicture, damage: &Damage, draw: &mut Pcg64) -> ColorPicture {
     let mut bytes = damaged(picture.rgb.as_flattened(), damage, draw);
     bytes.resize(picture.rgb.len() * 3, 0);
     ColorPicture { rgb: bytes.as_chunks().0.to_vec(), ..*picture }

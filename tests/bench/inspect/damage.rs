@@ -20,27 +20,27 @@ const DAMAGES: [(&str, &str, Damage); 14] = [
     }),
     ("1.5 s lost", "gap", |picture, time_s| (!(MIDDLE_S..MIDDLE_S + 1.5).contains(&time_s)).then_some(picture)),
     ("no dry picture", "no_dry_picture", |picture, time_s| (time_s >= 1.0).then_some(picture)),
-    ("a film that changes little", "dark", |picture, _| Some(scaled(picture, 0.15))),
-    ("overexposed", "not_seen", |picture, _| Some(scaled(picture, 4.5))),
+    ("a film that changes little", "dark", |picture, _| Some(scale_brightness(picture, 0.15))),
+    ("overexposed", "not_seen", |picture, _| Some(scale_brightness(picture, 4.5))),
     ("lamp down by a half", "light", |picture, time_s| {
-        Some(scaled(picture, if time_s > MIDDLE_S { 0.5 } else { 1.0 }))
+        Some(scale_brightness(picture, if time_s > MIDDLE_S { 0.5 } else { 1.0 }))
     }),
     ("lamp up by a half", "light", |picture, time_s| {
-        Some(scaled(picture, if time_s > MIDDLE_S { 1.5 } else { 1.0 }))
+        Some(scale_brightness(picture, if time_s > MIDDLE_S { 1.5 } else { 1.0 }))
     }),
     ("out of focus from the middle on", "focus", |picture, time_s| {
-        Some(if time_s > MIDDLE_S { blurred(&picture, 4) } else { picture })
+        Some(if time_s > MIDDLE_S { blur_picture(&picture, 4) } else { picture })
     }),
-    ("out of focus throughout", "focus", |picture, _| Some(blurred(&picture, 4))),
+    ("out of focus throughout", "focus", |picture, _| Some(blur_picture(&picture, 4))),
     ("moved by 3 px", "moved", |picture, time_s| {
-        Some(if time_s > MIDDLE_S { shifted(&picture, 3) } else { picture })
+        Some(if time_s > MIDDLE_S { shift_picture(&picture, 3) } else { picture })
     }),
     // If the drop is on a greasy spot, the spot is neither wet nor dry and is reported as not seen.
     ("a drop on the dry panel", "wet_when_dry|not_seen", |picture, time_s| {
-        Some(if time_s < 1.0 { spotted(picture, |gray| gray * 0.55) } else { picture })
+        Some(if time_s < 1.0 { change_spot(picture, |gray| gray * 0.55) } else { picture })
     }),
     ("a reflection that stands still", "not_seen", |picture, time_s| {
-        Some(if time_s > WET_FROM_S { spotted(picture, |gray| gray + 90.0) } else { picture })
+        Some(if time_s > WET_FROM_S { change_spot(picture, |gray| gray + 90.0) } else { picture })
     }),
     ("covered for 2 s", "bright", |picture, time_s| {
         Some(if (MIDDLE_S..MIDDLE_S + 2.0).contains(&time_s) { covered(picture) } else { picture })
@@ -92,12 +92,12 @@ pub fn run(seeds: u64, reduction: usize) -> usize {
     wrong
 }
 
-fn scaled(mut picture: ColorPicture, share: f64) -> ColorPicture {
+fn scale_brightness(mut picture: ColorPicture, share: f64) -> ColorPicture {
     picture.rgb.as_flattened_mut().iter_mut().for_each(|gray| *gray = (f64::from(*gray) * share).round() as u8);
     picture
 }
 
-fn shifted(picture: &ColorPicture, right: usize) -> ColorPicture {
+fn shift_picture(picture: &ColorPicture, right: usize) -> ColorPicture {
     let mut moved = picture.clone();
     for row in 0..picture.height {
         let line = &picture.rgb[row * picture.width..(row + 1) * picture.width];
@@ -108,7 +108,7 @@ fn shifted(picture: &ColorPicture, right: usize) -> ColorPicture {
 }
 
 /// Changes the brightness of a circular spot in the picture's middle, about 4 mm in diameter.
-fn spotted(mut picture: ColorPicture, change: impl Fn(f64) -> f64) -> ColorPicture {
+fn change_spot(mut picture: ColorPicture, change: impl Fn(f64) -> f64) -> ColorPicture {
     let (width, height) = (picture.width, picture.height);
     let radius_px = width as f64 / 400.0;
     for (index, pixel) in picture.rgb.iter_mut().enumerate() {
@@ -129,7 +129,7 @@ fn covered(mut picture: ColorPicture) -> ColorPicture {
 }
 
 /// Blurs the picture twice with a box filter of `2 reach + 1` px, along rows and columns.
-fn blurred(picture: &ColorPicture, reach: usize) -> ColorPicture {
+fn blur_picture(picture: &ColorPicture, reach: usize) -> ColorPicture {
     let (width, height) = (picture.width, picture.height);
     let pass = |from: &[[u8; 3]], along: usize, length: usize, across: usize, count: usize| {
         let mut out = vec![[0; 3]; from.len()];

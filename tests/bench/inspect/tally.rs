@@ -13,7 +13,7 @@ pub const CONTRAST_TO_NOISE: f64 = 10.0;
 /// Minimum brightness of a damp break according to the recipes, as a fraction of the dry brightness.
 const DAMP_BRIGHTNESS: f64 = 0.8;
 /// Minimum fraction of a grid's points with contrast at which the grid has contrast.
-const MIN_CONTRAST_SHARE: f64 = 0.95;
+const MIN_CONTRAST_FRACTION: f64 = 0.95;
 
 /// The ground truth of a clip; masks and values have the pixels of its pictures.
 pub struct Truth<'a> {
@@ -65,13 +65,13 @@ pub struct Figures {
 }
 
 /// Maximum fraction of clean grids that fail.
-const MAX_CLEAN_FAILED_SHARE: f64 = 0.005;
+const MAX_CLEAN_FAILED_FRACTION: f64 = 0.005;
 /// Maximum fraction of clean grids that are not seen.
-const MAX_CLEAN_NOT_SEEN_SHARE: f64 = 0.03;
+const MAX_CLEAN_NOT_SEEN_FRACTION: f64 = 0.03;
 /// Minimum intersection over union of the found and the true breaks.
 const MIN_IOU: f64 = 0.95;
 /// Minimum fraction of breaks whose time is correct.
-const MIN_TIMELY_SHARE: f64 = 0.95;
+const MIN_TIMELY_FRACTION: f64 = 0.95;
 
 /// Statistics of all clips of one renderer.
 #[derive(Debug, Default)]
@@ -126,7 +126,7 @@ impl Tally {
         let mut wrong = Vec::new();
         for (index, grid) in inspection.grids.iter().enumerate() {
             let found = if unjudged { Found::NotSeen } else { found(grid) };
-            let is_clear = clear_mm2[index] >= MIN_CONTRAST_SHARE * all_mm2[index];
+            let is_clear = clear_mm2[index] >= MIN_CONTRAST_FRACTION * all_mm2[index];
             let (kind, counts) = match (real_mm2[index] >= min_mm2, later_mm2[index] >= min_mm2) {
                 (true, _) => ("broken", &mut self.broken),
                 // A break that begins after the observation is excluded, whether it was found or not.
@@ -223,9 +223,9 @@ impl Tally {
             figure.report(goal, &format!("{some} of {all}"), all > 0 && some as f64 <= most * all as f64);
         };
         share(figures.passed, &self.broken, Found::Passed, "0", 0.0);
-        share(figures.failed, &self.clean, Found::Failed, "0.5 %", MAX_CLEAN_FAILED_SHARE);
+        share(figures.failed, &self.clean, Found::Failed, "0.5 %", MAX_CLEAN_FAILED_FRACTION);
         if let Some(figure) = figures.not_seen {
-            share(figure, &self.clean, Found::NotSeen, "3 %", MAX_CLEAN_NOT_SEEN_SHARE);
+            share(figure, &self.clean, Found::NotSeen, "3 %", MAX_CLEAN_NOT_SEEN_FRACTION);
         }
         let above = |values: &[f64]| values.iter().filter(|value| **value >= MIN_IOU).count();
         if let Some(figure) = figures.iou {
@@ -236,11 +236,11 @@ impl Tally {
         }
         if let Some(figure) = figures.time {
             let near = self.time_errors_s.iter().filter(|error| error.abs() <= 0.5).count();
-            let (count, goal) = (self.time_errors_s.len(), format!("{} %", 100.0 * MIN_TIMELY_SHARE));
+            let (count, goal) = (self.time_errors_s.len(), format!("{} %", 100.0 * MIN_TIMELY_FRACTION));
             figure.report(
                 &goal,
                 &format!("{near} of {count}"),
-                count > 0 && near as f64 >= MIN_TIMELY_SHARE * count as f64,
+                count > 0 && near as f64 >= MIN_TIMELY_FRACTION * count as f64,
             );
         }
     }

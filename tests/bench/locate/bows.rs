@@ -4,7 +4,7 @@
 //! from the taught pose a person must decide on such a pose, whether the panel is bent or not.
 
 use super::goal::Figure;
-use super::{RIGHT_MM, Tried, located_with, quantile, range_errors, reduction, row, share, shared};
+use super::{MAX_CORRECT_ERROR_MM, Tried, located_with, quantile, range_errors, reduction, row, share, shared};
 use nalgebra::Translation3;
 use panelprep::geometry::{Base, Camera, Rigid};
 use panelprep::locate::RangeErrors;
@@ -21,25 +21,25 @@ use std::time::Instant;
 /// Number of bent panels for each seed.
 const PANELS: usize = 3;
 /// Range of the height of a bow over the panel's length, mm.
-const BOW_MM: [f64; 2] = [0.2, 3.0];
+const BOW_RANGE_MM: [f64; 2] = [0.2, 3.0];
 /// Range of the amplitude of a wave, mm.
-const WAVE_MM: [f64; 2] = [0.05, 0.3];
+const WAVE_RANGE_MM: [f64; 2] = [0.05, 0.3];
 /// Range of the wavelength of a wave, mm.
-const LENGTH_MM: [f64; 2] = [100.0, 800.0];
+const WAVELENGTH_RANGE_MM: [f64; 2] = [100.0, 800.0];
 /// Range of the scale factor of the camera's distances.
-const SCALE: [f64; 2] = [0.999, 1.002];
+const SCALE_RANGE: [f64; 2] = [0.999, 1.002];
 /// The fraction of the panel's length and width that the region covers.
-const REGION: f64 = 0.54;
+const REGION_FRACTION: f64 = 0.54;
 /// Number of points along each side of the region at which the path's surface is compared with the true surface.
 const PLACES: usize = 25;
-/// Maximum bow of the panels to which the target `ACCEPTED` applies, mm.
+/// Maximum bow of the panels to which the target `MIN_ACCEPTED_FRACTION` applies, mm.
 const MAX_ACCEPTED_BOW_MM: f64 = 2.0;
 /// Minimum accepted fraction of these panels.
-const ACCEPTED: f64 = 0.95;
+const MIN_ACCEPTED_FRACTION: f64 = 0.95;
 /// Minimum fraction of accepted panels whose path is within the stated error.
-const STATED: f64 = 0.9;
+const MIN_STATED_FRACTION: f64 = 0.9;
 /// Maximum distance between the path's surface and the true surface, mm.
-const CONTACT_MM: f64 = 0.15;
+const MAX_CONTACT_ERROR_MM: f64 = 0.15;
 /// The default of `[surface] max_hole_mm`.
 const MAX_HOLE_MM: f64 = 12.0;
 const BOTH_MS: f64 = 120.0;
@@ -67,7 +67,7 @@ pub fn panels(seeds: RangeInclusive<u64>) -> usize {
     let mut all = Vec::new();
     for seed in seeds {
         let mut random = Pcg64::seed_from_u64(seed);
-        let scaled = between(&mut random, SCALE) - 1.0;
+        let scaled = between(&mut random, SCALE_RANGE) - 1.0;
         for (scale, range, count) in [(0.0, range_errors(), PANELS - 1), (scaled, RangeErrors::default(), 1)] {
             let trial = TrialScene::good_scene(seed, reduction()).with_scale_error([scale; 2]);
             let (panel, recipe, mount) = taught(&trial, scale);
@@ -94,11 +94,11 @@ fn drawn(random: &mut Pcg64, trial: &TrialScene) -> PanelBend {
     let sign = if random.random::<bool>() { 1.0 } else { -1.0 };
     let turn = [0.0, std::f64::consts::TAU];
     PanelBend {
-        bow_mm: sign * between(random, BOW_MM),
+        bow_mm: sign * between(random, BOW_RANGE_MM),
         half_mm: trial.size_mm()[0] / 2.0,
         along_rad: between(random, turn),
-        wave_mm: between(random, WAVE_MM),
-        length_mm: between(random, LENGTH_MM),
+        wave_mm: between(random, WAVE_RANGE_MM),
+        length_mm: between(random, WAVELENGTH_RANGE_MM),
         runs_rad: between(random, turn),
         phase_rad: between(random, turn),
     }
@@ -107,7 +107,7 @@ fn drawn(random: &mut Pcg64, trial: &TrialScene) -> PanelBend {
 /// Returns the panel as taught with a camera that measures distances too long by this fraction, and the mount that was
 /// calibrated with this camera at the panel's taught pose.
 fn taught(trial: &TrialScene, scale: f64) -> (TaughtPanel, Recipe, Rigid<Base, Camera>) {
-    let corners = trial.middle_px(REGION).map(|pixel| [pixel.u, pixel.v]);
+    let corners = trial.middle_px(REGION_FRACTION).map(|pixel| [pixel.u, pixel.v]);
     let [low, high] = TRIAL_BOX_MM;
     let text = format!(
         "panel = \"trial\"\n[locate]\nbox_min_mm = {low:?}\nbox_max_mm = {high:?}\nmax_shift_mm = 900.0\n\
@@ -189,7 +189,7 @@ fn judged(all: &[Found]) -> usize {
     let within = used.iter().filter(|found| largest(found) <= stated(found)).count();
     let placed = used.iter().filter(|found| found.aside_mm.is_some_and(|mm| mm <= stated(found))).count();
     let is_wrong = |found: &&&Found| {
-        let far = |mm: f64| mm > RIGHT_MM && mm > stated(found);
+        let far = |mm: f64| mm > MAX_CORRECT_ERROR_MM && mm > stated(found);
         far(largest(found)) || found.aside_mm.is_none_or(far)
     };
     let wrong = used.iter().filter(is_wrong).count();
@@ -200,22 +200,22 @@ fn judged(all: &[Found]) -> usize {
     let mut fit_ms: Vec<f64> = all.iter().map(|found| found.fit_ms).collect();
     let (locate_ms, fit_ms) = (quantile(&mut locate_ms, 0.5), quantile(&mut fit_ms, 0.5));
     let contact_mm = quantile(&mut worst, 0.5);
-    shared(Figure("locate: bent panels accepted (bow up to 2 mm)"), accepted, of, ACCEPTED);
-    shared(Figure("locate: path within the stated error"), within, used.len(), STATED);
-    let (goal, found) = (format!("{CONTACT_MM} mm"), format!("{contact_mm:.2} mm"));
-    Figure("locate: bent panels: contact error").report(&goal, &found, contact_mm <= CONTACT_MM);
+    shared(Figure("locate: bent panels accepted (bow up to 2 mm)"), accepted, of, MIN_ACCEPTED_FRACTION);
+    shared(Figure("locate: path within the stated error"), within, used.len(), MIN_STATED_FRACTION);
+    let (goal, found) = (format!("{MAX_CONTACT_ERROR_MM} mm"), format!("{contact_mm:.2} mm"));
+    Figure("locate: bent panels: contact error").report(&goal, &found, contact_mm <= MAX_CONTACT_ERROR_MM);
     let found = format!("{locate_ms:.0} + {fit_ms:.0} ms");
     let is_fast = locate_ms + fit_ms <= BOTH_MS;
     Figure("locate: localization and today's surface, medians").report(&format!("{BOTH_MS} ms"), &found, is_fast);
     row(
-        share(accepted, of) >= ACCEPTED,
+        share(accepted, of) >= MIN_ACCEPTED_FRACTION,
         &format!(
             "{accepted} of {of} panels that bow by {MAX_ACCEPTED_BOW_MM} mm at most, scanned with the right scale, are accepted; of all {}, {} are accepted and show their region",
             all.len(),
             used.len()
         ),
     ) + row(
-        share(within, used.len()) >= STATED,
+        share(within, used.len()) >= MIN_STATED_FRACTION,
         &format!(
             "{within} of {} accepted paths lie within what is stated anywhere in the region, whose median is {:.3} mm; {placed} poses in the \
              panel's plane",
@@ -223,7 +223,7 @@ fn judged(all: &[Found]) -> usize {
             quantile(&mut bounds, 0.5)
         ),
     ) + row(
-        contact_mm <= CONTACT_MM,
+        contact_mm <= MAX_CONTACT_ERROR_MM,
         &format!(
             "contact error of accepted ones median of the largest in the region {contact_mm:.3} mm; {:.3} mm on average over it",
             quantile(&mut means, 0.5)
@@ -231,7 +231,7 @@ fn judged(all: &[Found]) -> usize {
     ) + row(
         wrong == 0,
         &format!(
-            "{wrong} of {} accepted ones are more than {RIGHT_MM} mm off and beyond what is stated",
+            "{wrong} of {} accepted ones are more than {MAX_CORRECT_ERROR_MM} mm off and beyond what is stated",
             used.len()
         ),
     ) + row(

@@ -3,7 +3,7 @@
 //! manufacturer's specification only.
 
 use super::goal::Figure;
-use super::{RIGHT_MM, Tried, located_with, quantile, range_errors, reduction, row, share, taught};
+use super::{MAX_CORRECT_ERROR_MM, Tried, located_with, quantile, range_errors, reduction, row, share, taught};
 use nalgebra::Translation3;
 use panelprep::geometry::{Base, Camera, Rigid};
 use panelprep::locate::RangeErrors;
@@ -16,17 +16,17 @@ use rand_pcg::Pcg64;
 use std::ops::RangeInclusive;
 
 /// Correlation lengths of the smooth error, mm.
-const ALIKE_MM: [f64; 4] = [30.0, 65.0, 120.0, 200.0];
+const CORRELATION_LENGTHS_MM: [f64; 4] = [30.0, 65.0, 120.0, 200.0];
 /// Standard deviation of the simulator's smooth error, mm: 0.06 mm at the nodes of its lattice, 26/35 of this on
 /// average.
-const SMOOTH_MM: f64 = 0.06 * 26.0 / 35.0;
+const SMOOTH_ERROR_MM: f64 = 0.06 * 26.0 / 35.0;
 /// Standard deviation of the relative scale error of a camera, which is common to all its scans.
-const SCALE: f64 = 0.000_5;
+const SCALE_DEVIATION: f64 = 0.000_5;
 /// Standard deviation of the relative scale error that differs from scan to scan.
-const BETWEEN_SCANS: f64 = 0.0001;
+const SCALE_DEVIATION_BETWEEN_SCANS: f64 = 0.0001;
 /// Range of the fraction of accepted poses whose error must be within the stated error. Below the range the stated
 /// error is too small, above it too large.
-const STATED: RangeInclusive<f64> = 0.9..=1.0;
+const STATED_FRACTION_RANGE: RangeInclusive<f64> = 0.9..=1.0;
 
 /// Runs each correlation length on both kinds of panel with these seeds, or only rows whose text contains the value of
 /// the environment variable `CORRELATED`. Returns the number of missed targets.
@@ -36,11 +36,11 @@ pub fn errors(seeds: RangeInclusive<u64>) -> usize {
         [("bent", TrialScene::good_scene), ("flat", TrialScene::flat_scene)];
     let (mut missed, mut least) = (0, [None; 2]);
     for (kind, trial) in kinds {
-        for alike_mm in ALIKE_MM {
+        for alike_mm in CORRELATION_LENGTHS_MM {
             let range = RangeErrors {
                 correlation_mm: alike_mm,
-                scan_to_scan_mm: std::f64::consts::SQRT_2 * SMOOTH_MM,
-                taught_scan_mm: 1.5 * SMOOTH_MM,
+                scan_to_scan_mm: std::f64::consts::SQRT_2 * SMOOTH_ERROR_MM,
+                taught_scan_mm: 1.5 * SMOOTH_ERROR_MM,
                 scale: 0.0,
                 scan_to_scan_scale: 0.0,
                 is_measured: true,
@@ -81,15 +81,15 @@ pub fn errors(seeds: RangeInclusive<u64>) -> usize {
 /// so the first fraction cancels at this pose.
 fn scaled(kind: &str, trial: fn(u64, usize) -> TrialScene, seeds: &RangeInclusive<u64>) -> usize {
     let range = RangeErrors {
-        scale: SCALE,
-        scan_to_scan_scale: BETWEEN_SCANS,
+        scale: SCALE_DEVIATION,
+        scan_to_scan_scale: SCALE_DEVIATION_BETWEEN_SCANS,
         is_measured: true,
         ..RangeErrors::default()
     };
     let trials = seeds.clone().map(|seed| {
         let mut random = Pcg64::seed_from_u64(seed);
-        let shared = drawn(&mut random, SCALE);
-        let scale = [0, 1].map(|_| shared + drawn(&mut random, BETWEEN_SCANS));
+        let shared = drawn(&mut random, SCALE_DEVIATION);
+        let scale = [0, 1].map(|_| shared + drawn(&mut random, SCALE_DEVIATION_BETWEEN_SCANS));
         let trial = trial(seed, reduction()).with_scale_error(scale);
         let (panel, recipe) = taught(&trial);
         let centre = panel.panel_from_camera.inverse() * panel.centre();
@@ -101,8 +101,8 @@ fn scaled(kind: &str, trial: fn(u64, usize) -> TrialScene, seeds: &RangeInclusiv
     });
     let words = format!(
         "{kind}, distances off by {:.2} % in all scans and {:.2} % from scan to scan, measured",
-        100.0 * SCALE,
-        100.0 * BETWEEN_SCANS
+        100.0 * SCALE_DEVIATION,
+        100.0 * SCALE_DEVIATION_BETWEEN_SCANS
     );
     stated(&words, trials, range).missed
 }
@@ -135,7 +135,7 @@ impl Stated {
 /// Reports the row with the smallest fraction; nothing if no row of its kind was requested.
 fn reported(figure: Figure, least: Option<Stated>) {
     if let Some(Stated { kept, accepted, .. }) = least {
-        super::shared(figure, kept, accepted, *STATED.start());
+        super::shared(figure, kept, accepted, *STATED_FRACTION_RANGE.start());
     }
 }
 
@@ -148,7 +148,7 @@ fn stated(words: &str, trials: impl Iterator<Item = Scanned>, range: RangeErrors
         let (Verdict::Accept, Some(fit), Some(error)) = (judgement.verdict, fit, error) else { continue };
         let error_mm = error.max_mm;
         accepted += 1;
-        wrong += usize::from(error_mm > RIGHT_MM && error_mm > 2.0 * fit.uncertainty_mm);
+        wrong += usize::from(error_mm > MAX_CORRECT_ERROR_MM && error_mm > 2.0 * fit.uncertainty_mm);
         kept += usize::from(error_mm <= fit.uncertainty_mm);
         ratios.push(error_mm / fit.uncertainty_mm);
         largest.push(error_mm);
@@ -160,5 +160,5 @@ fn stated(words: &str, trials: impl Iterator<Item = Scanned>, range: RangeErrors
         quantile(&mut ratios, 0.95),
         quantile(&mut largest, 1.0)
     );
-    Stated { missed: row(wrong == 0 && STATED.contains(&share(kept, accepted)), &summary), kept, accepted }
+    Stated { missed: row(wrong == 0 && STATED_FRACTION_RANGE.contains(&share(kept, accepted)), &summary), kept, accepted }
 }

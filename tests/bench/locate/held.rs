@@ -2,22 +2,22 @@
 //! differ from scan to scan, bent or flat. They are tested with and without information by a person in the recipe.
 
 use super::goal::Figure;
-use super::{RIGHT_MM, Tried, reduction, row, share, shared, tried_with, words};
+use super::{MAX_CORRECT_ERROR_MM, Tried, reduction, row, share, shared, tried_with, words};
 use panelprep::sim::TrialScene;
 use panelprep::verdict::Verdict;
 use std::ops::RangeInclusive;
 
 /// Fraction of the panel's points that are missing.
-const MISSING: f64 = 0.33;
+const MISSING_FRACTION: f64 = 0.33;
 /// Minimum accepted fraction of the scenes with information by a person and without missing points.
-const ACCEPTED: f64 = 0.9;
+const MIN_ACCEPTED_FRACTION: f64 = 0.9;
 /// Minimum accepted fraction if a third of the points was missing at teaching and another third is missing now. In the
 /// other scenes a person must decide.
-const MISSING_ACCEPTED: f64 = 0.5;
+const MIN_ACCEPTED_FRACTION_WITH_MISSING: f64 = 0.5;
 /// Maximum fraction of scenes with missing points that cannot be taught, because a patch is as wide as a grid.
-const MAX_UNTAUGHT_SHARE: f64 = 0.05;
+const MAX_UNTAUGHT_FRACTION: f64 = 0.05;
 /// Minimum fraction of the accepted poses whose error is within the stated uncertainty.
-const STATED_SHARE: f64 = 0.9;
+const MIN_STATED_FRACTION: f64 = 0.9;
 
 /// The information about the panel that a person writes into the recipe.
 #[derive(Clone, Copy, PartialEq)]
@@ -40,12 +40,12 @@ struct Kind {
 const TABLE_KIND: &str = "flat, marks, held, points missing, outline drawn";
 
 const KINDS: [Kind; 10] = [
-    Kind { words: "flat", trial: TrialScene::flat_scene, said: PriorKnowledge::Nothing, floor: ACCEPTED },
+    Kind { words: "flat", trial: TrialScene::flat_scene, said: PriorKnowledge::Nothing, floor: MIN_ACCEPTED_FRACTION },
     Kind {
         words: "flat, outline drawn",
         trial: TrialScene::flat_scene,
         said: PriorKnowledge::Outline,
-        floor: ACCEPTED,
+        floor: MIN_ACCEPTED_FRACTION,
     },
     Kind {
         words: "flat, held, nothing said",
@@ -57,43 +57,43 @@ const KINDS: [Kind; 10] = [
         words: "flat, held",
         trial: |s, r| TrialScene::flat_scene(s, r).with_holder(),
         said: PriorKnowledge::Held,
-        floor: ACCEPTED,
+        floor: MIN_ACCEPTED_FRACTION,
     },
     Kind {
         words: "flat, held, outline drawn",
         trial: |s, r| TrialScene::flat_scene(s, r).with_holder(),
         said: PriorKnowledge::Both,
-        floor: ACCEPTED,
+        floor: MIN_ACCEPTED_FRACTION,
     },
     Kind {
         words: "bent, held",
         trial: |s, r| TrialScene::good_scene(s, r).with_holder(),
         said: PriorKnowledge::Held,
-        floor: ACCEPTED,
+        floor: MIN_ACCEPTED_FRACTION,
     },
     Kind {
         words: "flat, held, points missing, outline drawn",
-        trial: |s, r| TrialScene::flat_scene(s, r).with_holder().with_missing_patches(MISSING),
+        trial: |s, r| TrialScene::flat_scene(s, r).with_holder().with_missing_patches(MISSING_FRACTION),
         said: PriorKnowledge::Both,
-        floor: MISSING_ACCEPTED,
+        floor: MIN_ACCEPTED_FRACTION_WITH_MISSING,
     },
     Kind {
         words: "flat, marks",
         trial: |s, r| TrialScene::flat_scene(s, r).with_marks(),
         said: PriorKnowledge::Nothing,
-        floor: ACCEPTED,
+        floor: MIN_ACCEPTED_FRACTION,
     },
     Kind {
         words: "flat, marks, held, outline drawn",
         trial: |s, r| TrialScene::flat_scene(s, r).with_marks().with_holder(),
         said: PriorKnowledge::Both,
-        floor: ACCEPTED,
+        floor: MIN_ACCEPTED_FRACTION,
     },
     Kind {
         words: TABLE_KIND,
-        trial: |s, r| TrialScene::flat_scene(s, r).with_marks().with_holder().with_missing_patches(MISSING),
+        trial: |s, r| TrialScene::flat_scene(s, r).with_marks().with_holder().with_missing_patches(MISSING_FRACTION),
         said: PriorKnowledge::Both,
-        floor: ACCEPTED,
+        floor: MIN_ACCEPTED_FRACTION,
     },
 ];
 
@@ -135,19 +135,19 @@ pub fn scenes(seeds: RangeInclusive<u64>) -> usize {
             );
             if judgement.verdict == Verdict::Accept {
                 accepted += 1;
-                wrong += usize::from(max_mm.is_none_or(|mm| mm > RIGHT_MM));
+                wrong += usize::from(max_mm.is_none_or(|mm| mm > MAX_CORRECT_ERROR_MM));
                 stated += usize::from(max_mm.zip(stated_mm).is_some_and(|(max, stated)| max <= stated));
             }
         }
         let reported = format!(
-            "{}: {accepted} of {count} are accepted, {wrong} of them wrong by more than {RIGHT_MM} mm, {stated} within what is \
+            "{}: {accepted} of {count} are accepted, {wrong} of them wrong by more than {MAX_CORRECT_ERROR_MM} mm, {stated} within what is \
              stated; {untaught} could not be taught",
             kind.words
         );
         let is_good = share(accepted, count) >= kind.floor
             && wrong == 0
-            && share(stated, accepted) >= STATED_SHARE
-            && share(untaught, count) <= MAX_UNTAUGHT_SHARE;
+            && share(stated, accepted) >= MIN_STATED_FRACTION
+            && share(untaught, count) <= MAX_UNTAUGHT_FRACTION;
         if kind.words == TABLE_KIND {
             let figure = Figure("locate: held panels with marks, a third of the points missing, accepted");
             shared(figure, accepted, count, kind.floor);

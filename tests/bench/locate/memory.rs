@@ -8,12 +8,12 @@ use std::path::Path;
 use std::process::Command;
 
 /// The argument with which this program runs as the separate process.
-pub const ALONE: &str = "memory-alone";
+pub const SEPARATE_PROCESS_ARGUMENT: &str = "memory-alone";
 const SEED: u64 = 1;
 const ALLOWED_MB: f64 = 600.0;
 
 /// Starts the process on a rendered scan and prints the result.
-pub fn measured() -> usize {
+pub fn measure_memory() -> usize {
     let trial = TrialScene::good_scene(SEED, super::reduction());
     let folder = std::env::temp_dir().join(format!("panelprep-memory-{}", std::process::id()));
     std::fs::create_dir_all(&folder).expect("a folder for passing files");
@@ -21,7 +21,7 @@ pub fn measured() -> usize {
         std::fs::write(folder.join(name), bytes(&scan)).expect("written");
     }
     let program = std::env::current_exe().expect("this program");
-    let output = Command::new(program).arg(ALONE).arg(&folder).output().expect("started");
+    let output = Command::new(program).arg(SEPARATE_PROCESS_ARGUMENT).arg(&folder).output().expect("started");
     // The result is ignored: a leftover folder is inside of the system's folder for temporary files.
     let _ = std::fs::remove_dir_all(&folder);
     let most_mb = String::from_utf8_lossy(&output.stdout).trim().parse().unwrap_or(f64::NAN);
@@ -29,7 +29,7 @@ pub fn measured() -> usize {
 }
 
 /// The separate process: teaches, locates, and prints its peak resident memory, MB.
-pub fn alone(folder: &Path) {
+pub fn run_separate_process(folder: &Path) {
     let trial = TrialScene::good_scene(SEED, super::reduction());
     let read = |name: &str| cloud(&std::fs::read(folder.join(name)).expect("a scan"), trial.camera());
     let recipe = super::recipe(&trial, "");

@@ -2,7 +2,7 @@
 //! table, and a plot of error against time.
 
 use super::plot::{self, Run};
-use super::{RIGHT_MM, quantile, reduction, taught, tried};
+use super::{MAX_CORRECT_ERROR_MM, quantile, reduction, taught, tried};
 use panelprep::geometry::{Base, Camera, OrganizedCloud, Panel, Point, Rigid};
 use panelprep::locate::thesis_icp;
 use panelprep::panel::TaughtPanel;
@@ -48,7 +48,7 @@ pub fn compared(seeds: RangeInclusive<u64>) {
         let of: Vec<&Run> = runs.iter().filter(|run| run.method == method).collect();
         let mut errors: Vec<f64> = of.iter().map(|run| run.error_mm).collect();
         let mut ms: Vec<f64> = of.iter().map(|run| run.ms).collect();
-        let right = errors.iter().filter(|&&mm| mm <= RIGHT_MM).count();
+        let right = errors.iter().filter(|&&mm| mm <= MAX_CORRECT_ERROR_MM).count();
         println!(
             "{method:30}  {:5}  {:16.3}  {:7.2}  {right:6}  {:10.0}",
             of.len(),

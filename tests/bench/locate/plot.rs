@@ -8,7 +8,7 @@ pub struct Run {
     pub method: String,
     /// Seed of the scan.
     pub seed: u64,
-    /// Duration, ms.
+    /// Duration of the localization, ms.
     pub ms: f64,
     /// Mean error over the panel, mm.
     pub error_mm: f64,

@@ -9,9 +9,9 @@ use panelprep::sim::TrialScene;
 use std::ops::RangeInclusive;
 
 /// Fractions of the panel's points that are missing.
-const MISSING: [f64; 3] = [0.2, 0.35, 0.5];
+const MISSING_FRACTIONS: [f64; 3] = [0.2, 0.35, 0.5];
 /// Minimum fraction of the panels that must be taught.
-const TAUGHT: f64 = 0.95;
+const MIN_TAUGHT_FRACTION: f64 = 0.95;
 /// Maximum error of an edge along the view, mm. In a picture captured at 30° from the side, the edge moves sideways by
 /// half of this. The edge determines only to which grid a break belongs; no pose depends on it.
 const MAX_EDGE_ERROR_MM: f64 = 2.0;
@@ -36,10 +36,10 @@ struct Figures {
 type KindOfPanel = (&'static str, fn(u64, usize) -> TrialScene);
 
 fn kind((words, trial): KindOfPanel, seeds: &RangeInclusive<u64>, figures: &Figures) -> usize {
-    let found = MISSING.map(|missing| taught(words, trial, missing, seeds));
+    let found = MISSING_FRACTIONS.map(|missing| taught(words, trial, missing, seeds));
     let done: Vec<String> = found.iter().map(|found| found.done.to_string()).collect();
-    let (goal, count) = (format!("{} %", 100.0 * TAUGHT), seeds.clone().count());
-    let is_taught = found.iter().all(|found| count > 0 && share(found.done, count) >= TAUGHT);
+    let (goal, count) = (format!("{} %", 100.0 * MIN_TAUGHT_FRACTION), seeds.clone().count());
+    let is_taught = found.iter().all(|found| count > 0 && share(found.done, count) >= MIN_TAUGHT_FRACTION);
     figures.taught.report(&goal, &format!("{} of {count}", done.join(", ")), is_taught);
     let off_mm = found.iter().map(|found| found.off_mm).fold(0.0, f64::max);
     let is_measured = found.iter().any(|found| found.done > 0);
@@ -78,7 +78,7 @@ fn taught(words: &str, trial: fn(u64, usize) -> TrialScene, missing: f64, seeds:
         "{words}, {:.0} % without points, outline drawn: {done} of {count} are taught, edges of grids at most {off_mm:.2} mm off",
         100.0 * missing
     );
-    Taught { missed: row(share(done, count) >= TAUGHT && off_mm <= MAX_EDGE_ERROR_MM, &summary), done, off_mm }
+    Taught { missed: row(share(done, count) >= MIN_TAUGHT_FRACTION && off_mm <= MAX_EDGE_ERROR_MM, &summary), done, off_mm }
 }
 
 fn learnt(trial: &TrialScene) -> Result<TaughtPanel, LearnError> {

@@ -127,7 +127,7 @@ fn finer(case: &Case) -> Vec<f64> {
         if x.abs() > PAD.radius_mm + ORBIT.diameter_mm {
             continue;
         }
-        let disc = Still::at(case, x);
+        let disc = StationaryDisc::at(case, x);
         for (place, depth_um) in places.iter().zip(&mut depth_um) {
             if *place >= case.edge_mm {
                 continue;
@@ -146,16 +146,16 @@ fn finer(case: &Case) -> Vec<f64> {
     depth_um
 }
 
-/// A still disc.
-struct Still {
+/// A stationary disc at one point of the line.
+struct StationaryDisc {
     bends: [f64; 2],
     tilt_x: f64,
     depth_mm: f64,
 }
 
-impl Still {
+impl StationaryDisc {
     fn at(case: &Case, _x: f64) -> Self {
-        let mut disc = Still { bends: case.bends, tilt_x: case.lean_deg.to_radians().tan(), depth_mm: 0.0 };
+        let mut disc = StationaryDisc { bends: case.bends, tilt_x: case.lean_deg.to_radians().tan(), depth_mm: 0.0 };
         let count = (PAD.radius_mm / NET_MM).ceil() as i32;
         let net = (-count..count).flat_map(|i| (-count..count).map(move |j| [i, j]));
         let places: Vec<f64> = net

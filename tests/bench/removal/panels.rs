@@ -28,7 +28,7 @@ const MAX_UM: f64 = 45.0;
 /// Maximum deviation from the target depth, percent.
 const WITHIN_PERCENT: f64 = 10.0;
 const SHARE: f64 = 0.95;
-const HELD: [f64; 2] = [0.90, 0.99];
+const STATED_FRACTION_RANGE: [f64; 2] = [0.90, 0.99];
 const COUPONS: usize = 12;
 /// Relative standard deviation of k from piece to piece (coupon or panel).
 const PIECE_DEVIATION: f64 = 0.02;
@@ -39,7 +39,7 @@ const FORCE_BIAS: f64 = 0.015;
 /// Relative standard deviation of the force's noise from pose to pose.
 const FORCE_NOISE: f64 = 0.04;
 /// The relative 95 % uncertainty of the force in the recipe.
-const FORCE_SHARE_95: f64 = 0.04;
+const RELATIVE_FORCE_ERROR_95: f64 = 0.04;
 
 /// The true values, which are not known at the cell.
 struct Truth {
@@ -68,11 +68,11 @@ pub fn measure() -> usize {
             worn_mm2: random.random_range(0.0..300_000.0),
             piece: (PIECE_DEVIATION * normal(&mut random)).exp(),
         };
-        let model = by_coupons(&truth, &mut random);
+        let model = fit_model_from_coupons(&truth, &mut random);
         let run = |plan: &Plan, random: &mut Pcg64Mcg| {
             let poses = dwell::timed_poses(plan);
             let expected = map((&surface, &region), plan, &poses, (&model, truth.worn_mm2));
-            let pressed = pressed(&poses, random);
+            let pressed = with_force_noise(&poses, random);
             let exact = Model {
                 preston_mm2_per_n: truth.preston_mm2_per_n * truth.piece,
                 decay_per_mm2: truth.decay_per_mm2,
@@ -115,12 +115,12 @@ pub fn measure() -> usize {
     Figure("removal: treated area within ±10 %").report(&goal, &format!("{:.1} %", 100.0 * area), area >= SHARE);
     most(Figure("removal: panels deeper than 45 µm"), beyond as f64, 0.0, "");
     let found = format!("{:.1} %", 100.0 * stated);
-    Figure("removal: stated 95 % held").report("90–99 %", &found, (HELD[0]..=HELD[1]).contains(&stated));
+    Figure("removal: stated 95 % held").report("90–99 %", &found, (STATED_FRACTION_RANGE[0]..=STATED_FRACTION_RANGE[1]).contains(&stated));
     let mut missed =
         reached("scheduled, of the treated area within ±10 % of the target, mean", mean(&scheduled), SHARE, "");
     missed += held("panels with a place deeper than max_um", beyond as f64, 0.0, "");
-    missed += reached("stated 95 % held", mean(&within), HELD[0], "");
-    missed + held("stated 95 % held", mean(&within), HELD[1], "")
+    missed += reached("stated 95 % held", mean(&within), STATED_FRACTION_RANGE[0], "");
+    missed + held("stated 95 % held", mean(&within), STATED_FRACTION_RANGE[1], "")
 }
 
 pub fn path_recipe(more: &str) -> Recipe {
@@ -185,7 +185,7 @@ fn constant_plan((surface, region): (&BSplineSurface, &Region), model: &Model, t
 }
 
 /// Returns the model that is fitted to coupons sanded with this sander.
-fn by_coupons(truth: &Truth, random: &mut Pcg64Mcg) -> Model {
+fn fit_model_from_coupons(truth: &Truth, random: &mut Pcg64Mcg) -> Model {
     let tool = CouponTool { pad: PAD, orbit: ORBIT };
     let coupons: Vec<Coupon> = (0..COUPONS)
         .map(|index| {
@@ -224,13 +224,13 @@ fn by_coupons(truth: &Truth, random: &mut Pcg64Mcg) -> Model {
 }
 
 fn normal(random: &mut Pcg64Mcg) -> f64 {
-    // Box and Muller.
+    // Normal deviates by the method of Box and Muller.
     let (a, b): (f64, f64) = (random.random_range(1e-12..1.0), random.random_range(0.0..std::f64::consts::TAU));
     (-2.0 * a.ln()).sqrt() * b.cos()
 }
 
 /// Returns the same poses with a force that has a bias for the panel, and noise that is constant over some poses.
-fn pressed(poses: &[ExecutedPose], random: &mut Pcg64Mcg) -> Vec<ExecutedPose> {
+fn with_force_noise(poses: &[ExecutedPose], random: &mut Pcg64Mcg) -> Vec<ExecutedPose> {
     let bias = FORCE_BIAS * normal(random);
     let (mut slow, keep) = (0.0, 0.8_f64);
     let mut press = |pose: &ExecutedPose| {
@@ -249,7 +249,7 @@ fn map(
     let ground = |_: Parameter| true;
     let disc = Disc { swept_mm2: worn_mm2, ..disc(true) };
     let all = path_stretches(surface, poses, (&disc, FORCE_N), &ground);
-    removed((surface, region, &ground), &plan.treated, &all, (model, FORCE_SHARE_95), 2.0)
+    removed((surface, region, &ground), &plan.treated, &all, (model, RELATIVE_FORCE_ERROR_95), 2.0)
 }
 
 fn share_within(map: &RemovalMap) -> f64 {

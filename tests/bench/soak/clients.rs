@@ -123,7 +123,7 @@ impl fmt::Display for Counts {
     }
 }
 
-/// Starts all clients.
+/// Starts all clients, each in its own thread.
 pub fn spawn<'s>(scope: &'s Scope<'s, '_>, cell: &'s Prepared, counts: &'s Counts) {
     let repeat = move |many: usize, each: fn(&Prepared, &Counts)| {
         for _ in 0..many {

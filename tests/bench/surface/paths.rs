@@ -72,7 +72,7 @@ pub fn panel() -> usize {
 
 fn row(name: &str, plan: &Plan, settings: &panelprep::recipe::Path) -> usize {
     let judgement = path::judge(plan, settings);
-    let least = plan.grids.iter().map(|grid| grid.share()).fold(1.0, f64::min);
+    let least = plan.grids.iter().map(|grid| grid.covered_fraction()).fold(1.0, f64::min);
     let steps = plan.step_over_mm.map_or("-".to_owned(), |s| format!("{:.2} to {:.2}", s.min_mm, s.max_mm));
     println!(
         "   {name:30}  {}  {:6.2}  {steps}  {:.0}",

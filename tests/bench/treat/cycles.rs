@@ -12,9 +12,9 @@ use std::time::{Duration, Instant};
 const MAX_COST_RATIO: f64 = 1.0;
 /// Maximum relative difference between the times of two equal paths, because the controller's log contains times of a
 /// real clock.
-const CLOCK_SHARE: f64 = 0.01;
+const MAX_CLOCK_DIFFERENCE: f64 = 0.01;
 /// Maximum relative difference between the areas of two equal paths, because the log is sampled.
-const SAMPLED_SHARE: f64 = 0.005;
+const MAX_SAMPLING_DIFFERENCE: f64 = 0.005;
 
 /// The result of one cycle.
 struct Ran {
@@ -89,7 +89,7 @@ impl Compared {
     fn report(&self, ran: u64) -> bool {
         let count = self.ratios.len();
         let [area, time] = [0, 1].map(|number| self.sums[1][number] / self.sums[0][number]);
-        let below = self.ratios.iter().filter(|[area, _]| *area < 1.0 - SAMPLED_SHARE).count();
+        let below = self.ratios.iter().filter(|[area, _]| *area < 1.0 - MAX_SAMPLING_DIFFERENCE).count();
         let largest = [0, 1].map(|number| self.ratios.iter().map(|both| both[number]).fold(f64::NAN, f64::max));
         let found = format!("{area:.2} of whole grids in {count} of {ran} cycles, less in {below}");
         let is_less =
@@ -97,12 +97,12 @@ impl Compared {
         let is_faster = Figure("treat: time of the paths around breaks").report(
             "1",
             &format!("{time:.2}"),
-            time <= MAX_COST_RATIO + CLOCK_SHARE,
+            time <= MAX_COST_RATIO + MAX_CLOCK_DIFFERENCE,
         );
         let is_never_more = Figure("treat: largest area and time of a cycle, around breaks").report(
             "1",
             &format!("{:.2} and {:.2}", largest[0], largest[1]),
-            largest[0] <= MAX_COST_RATIO + SAMPLED_SHARE && largest[1] <= MAX_COST_RATIO + CLOCK_SHARE,
+            largest[0] <= MAX_COST_RATIO + MAX_SAMPLING_DIFFERENCE && largest[1] <= MAX_COST_RATIO + MAX_CLOCK_DIFFERENCE,
         );
         is_less && is_faster && is_never_more
     }

@@ -8,7 +8,7 @@ use super::*;
 use panelprep_base::verdict::Reason;
 use panelprep_cell::cycle::{Hold, Phase, Refusal, Robot as Condition, State};
 use panelprep_cell::record::{Answer, CycleId, EarlierPass, RequestRecord, RequestedAction, conclude};
-use panelprep_toolpath::removal::examples::EVEN_MODEL;
+use panelprep_toolpath::removal::examples::NO_WEAR_MODEL;
 
 fn contact(state: &State) -> bool {
     matches!(state.intent, Some(intent) if intent.motion.path == Path::Contact && intent.done > 2)
@@ -206,7 +206,7 @@ const REMOVAL: &str = "[path]\nfeed_mm_s = 120\n[removal]\nmethod = \"scheduled\
 #[test]
 fn a_path_that_removed_too_much_rejects_the_part() {
     let mut fake = Fake::new(Scene::Good).whose_contact_takes(700);
-    (fake.more_recipe, fake.removal) = (REMOVAL, Some(EVEN_MODEL));
+    (fake.more_recipe, fake.removal) = (REMOVAL, Some(NO_WEAR_MODEL));
     let story = fake.run(Asks::one_cycle());
     assert!(codes(&story, Kind::Abrade).contains(&"removal_too_deep".to_owned()), "{story}");
     assert_eq!(story.outcome.state.at, At::Complete { verdict: Verdict::Reject }, "{story}");

@@ -102,7 +102,7 @@ impl OnOneGrid {
         let stand =
             panel_reach::ReachSetup { arm: &arm, flange_from_tool, base_from_panel: place, start_joints: None };
         let reached = panel_reach::follow_plan(&plan, &stand, recipe.path()).expect("in reach");
-        let plan = panel_reach::turned_plan(&plan, reached.spin);
+        let plan = panel_reach::plan_with_spin(&plan, reached.spin);
         OnOneGrid { setup, place, flange_from_tool, plan, joints: reached.arm_travel.joints }
     }
 }
@@ -117,7 +117,7 @@ fn no_plan_is_sent_that_its_gate_rejects() {
         StartState { limits: &job.cell.limits, arm: &job.cell.arm, flange_from_tool, joints, obstacles: None };
     let first = plan.paths[0].waypoints[0].as_sent();
     let poses = PanelPoses { now: place, nominal: job.panel.nominal_pose };
-    let gated = |plan: &Plan| routes::contact(&standing, poses, (first, plan), job.recipe.path());
+    let gated = |plan: &Plan| routes::gate_contact_path(&standing, poses, (first, plan), job.recipe.path());
     assert!(gated(&plan).is_sendable(), "{:?}", gated(&plan).judgement());
     let mut doubtful = plan.clone();
     doubtful.grid_dwell[0].1.low_s *= 0.1;
@@ -403,16 +403,16 @@ fn outside_the_correction_volume_nothing_is_measured_or_touched() {
         let stand =
             panel_reach::ReachSetup { arm: &arm, flange_from_tool, base_from_panel: place, start_joints: None };
         let reached = panel_reach::follow_plan(&plan, &stand, recipe.path()).expect("in reach");
-        let plan = panel_reach::turned_plan(&plan, reached.spin);
+        let plan = panel_reach::plan_with_spin(&plan, reached.spin);
         let joints = reached.arm_travel.joints[0];
         let standing =
             StartState { limits: &job.cell.limits, arm: &job.cell.arm, flange_from_tool, joints, obstacles: None };
         let from = plan.paths[0].waypoints[0].as_sent();
         let poses =
             PanelPoses { now: place, nominal: panelprep_cell::panel::panel_from_base_at_teaching().inverse() };
-        let contact = routes::contact(&standing, poses, (from, &plan), recipe.path());
+        let contact = routes::gate_contact_path(&standing, poses, (from, &plan), recipe.path());
         let [here, there] = [0, 1].map(|index| place * plan.paths[0].waypoints[index].as_sent());
-        let view = routes::view(&standing, (here, there), job.sander());
+        let view = routes::gate_view(&standing, (here, there), job.sander());
         for gated in [contact, view] {
             assert_eq!(gated.is_sendable(), code.is_none(), "{:?}", gated.judgement());
             assert_eq!(gated.judgement().reasons.first().map(|reason| reason.code.to_string()).as_deref(), code);

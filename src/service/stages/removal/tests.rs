@@ -6,7 +6,7 @@ use panelprep_base::geometry::KukaPose;
 use panelprep_base::verdict::Verdict;
 use panelprep_cell::panel::GridId;
 use panelprep_cell::record::name;
-use panelprep_toolpath::removal::examples::EVEN_MODEL;
+use panelprep_toolpath::removal::examples::NO_WEAR_MODEL;
 use panelprep_toolpath::surface::scene::{ScanDefects, Shape, recipe, taught};
 use panelprep_toolpath::surface::{Treated, examine_fit};
 
@@ -37,7 +37,7 @@ const TABLE: &str = "[removal]\ntarget_um = 30\nmax_um = 50\nforce_n = 20\n";
 #[test]
 fn scheduled_feeds_remove_the_target() {
     let (verdict, codes, checks) =
-        planned(&format!("{TABLE}method = \"scheduled\"\n"), Some(EVEN_MODEL), EarlierRemoval::default());
+        planned(&format!("{TABLE}method = \"scheduled\"\n"), Some(NO_WEAR_MODEL), EarlierRemoval::default());
     assert_eq!((verdict, codes), (Verdict::Accept, vec![]));
     assert!((value(&checks, name::REMOVED_MEAN) / 30.0 - 1.0).abs() < 0.03);
     assert!(value(&checks, name::REMOVED_EVEN) < 20.0 && value(&checks, name::REMOVED_BOUND) < 50.0);
@@ -52,7 +52,7 @@ fn the_message_names_the_feed_to_change() {
         let recipe = recipe(Shape::Sphere, &format!("[path]\nfeed_mm_s = {feed_mm_s}\n{table}"));
         let panel = taught(Shape::Sphere, ScanDefects::default(), &recipe);
         let fit = examine_fit(&panel, recipe.surface()).expect("a surface");
-        let (on, tool) = ((&panel, &fit), tool(Some(EVEN_MODEL)));
+        let (on, tool) = ((&panel, &fit), tool(Some(NO_WEAR_MODEL)));
         let plan = plan::lay_paths(on, &Treated::from_grids(&[GridId { row: 2, column: 3 }]), (&recipe, tool))
             .expect("a path");
         let found = plan::judge(plan, on, ReachStart::Unknown, (&recipe, tool), (None, EarlierRemoval::default()));
@@ -70,7 +70,7 @@ fn the_message_names_the_feed_to_change() {
 fn a_removal_that_may_be_too_deep_is_rejected() {
     let (verdict, codes, checks) = planned(
         &format!("{}method = \"scheduled\"\n", TABLE.replace("50", "34")),
-        Some(EVEN_MODEL),
+        Some(NO_WEAR_MODEL),
         EarlierRemoval::default(),
     );
     assert_eq!((verdict, codes), (Verdict::Reject, vec!["removal_too_deep".to_owned()]));
@@ -82,24 +82,24 @@ fn a_removal_that_may_be_too_deep_is_rejected() {
 #[test]
 fn removal_by_earlier_cycles_is_added() {
     let scheduled = format!("{TABLE}method = \"scheduled\"\n");
-    let alone = planned(&scheduled, Some(EVEN_MODEL), EarlierRemoval::default());
-    let after = planned(&scheduled, Some(EVEN_MODEL), EarlierRemoval { bound_um: 12.5, unknown: 0 });
+    let alone = planned(&scheduled, Some(NO_WEAR_MODEL), EarlierRemoval::default());
+    let after = planned(&scheduled, Some(NO_WEAR_MODEL), EarlierRemoval { bound_um: 12.5, unknown: 0 });
     let bounds = [&alone.2, &after.2].map(|checks| value(checks, name::REMOVED_BOUND));
     assert!((bounds[1] - bounds[0] - 12.5).abs() < 1e-9);
     assert_eq!(after.1, ["removal_too_deep"]);
-    let unknown = planned(&scheduled, Some(EVEN_MODEL), EarlierRemoval { bound_um: 0.0, unknown: 1 });
+    let unknown = planned(&scheduled, Some(NO_WEAR_MODEL), EarlierRemoval { bound_um: 0.0, unknown: 1 });
     assert_eq!((unknown.0, unknown.1), (Verdict::Review, vec!["earlier_unknown".to_owned()]));
 }
 
 /// Calculated by hand: at 120 mm/s and with a step-over of 12 mm, about 4·10⁻⁴ · 20 · 2618 / (120 · 12) = 14.5 µm.
 #[test]
 fn a_constant_feed_is_kept_and_its_removal_is_reported() {
-    let (_, codes, checks) = planned(TABLE, Some(EVEN_MODEL), EarlierRemoval::default());
+    let (_, codes, checks) = planned(TABLE, Some(NO_WEAR_MODEL), EarlierRemoval::default());
     assert!(codes.contains(&"more_passes".to_owned()), "{codes:?}");
     assert!(value(&checks, name::REMOVED_MEAN) < 25.0 && value(&checks, "passes that the target takes") == 2.0);
     let (verdict, codes, _) = planned(TABLE, None, EarlierRemoval::default());
     assert_eq!((verdict, codes), (Verdict::Reject, vec!["removal_unknown".to_owned()]));
-    let (verdict, _, checks) = planned("", Some(EVEN_MODEL), EarlierRemoval::default());
+    let (verdict, _, checks) = planned("", Some(NO_WEAR_MODEL), EarlierRemoval::default());
     assert!(verdict == Verdict::Accept && !checks.iter().any(|check| check.name.contains("remov")));
 }
 
@@ -110,7 +110,7 @@ fn removal_is_no_reason_of_an_air_run() {
     let panel = taught(Shape::Sphere, ScanDefects::default(), &recipe);
     let fit = examine_fit(&panel, recipe.surface()).expect("a surface");
     let (on, grids) = ((&panel, &fit), [GridId { row: 2, column: 3 }]);
-    for (known, before) in [(None, 0.0), (Some(EVEN_MODEL), 1_000.0)] {
+    for (known, before) in [(None, 0.0), (Some(NO_WEAR_MODEL), 1_000.0)] {
         let judged = |in_air: bool| {
             let tool = ToolState { in_air, ..tool(known) };
             let plan = plan::lay_paths(on, &Treated::from_grids(&grids), (&recipe, tool)).expect("a path");
@@ -136,7 +136,7 @@ fn the_measured_force_determines_the_removal() {
     let recipe = recipe(Shape::Sphere, &format!("[path]\nfeed_mm_s = 120\n{TABLE}"));
     let panel = taught(Shape::Sphere, ScanDefects::default(), &recipe);
     let fit = examine_fit(&panel, recipe.surface()).expect("a surface");
-    let tool = tool(Some(EVEN_MODEL));
+    let tool = tool(Some(NO_WEAR_MODEL));
     let treated = Treated::from_grids(&[GridId { row: 2, column: 3 }]);
     let plan = plan::lay_paths((&panel, &fit), &treated, (&recipe, tool)).expect("a path");
     let before = EarlierRemoval::default();

@@ -13,8 +13,8 @@
 //! rotation.
 
 use super::infeasible::{
-    CheckedPose, Infeasibility, PathLine, ReachFault, axis_limit, check_clearance, check_keep_out,
-    first_exceeded_axis, interpolate_pose, limit_room_deg, too_fast,
+    CheckedPose, Infeasibility, PathLine, ReachFault, smallest_axis_violation, check_clearance, check_keep_out,
+    first_exceeded_axis, interpolate_pose, limit_room_deg, check_axis_speeds,
 };
 use crate::path::kinematics::{JointAngles, Kinematics, nearest_solution};
 use nalgebra::Vector3;
@@ -23,17 +23,17 @@ use panelprep_cell::controller::{RETRACT_MM, RETRACT_MM_S};
 use rayon::prelude::*;
 
 /// Maximum distance between two checked poses, mm.
-const STEP_MM: f64 = 10.0;
+const MAX_POSE_STEP_MM: f64 = 10.0;
 /// Maximum rotation between two checked poses, degrees.
-const STEP_DEG: f64 = 3.0;
+const MAX_POSE_STEP_DEG: f64 = 3.0;
 /// Maximum rotation of an axis in one step, degrees; a larger rotation means that the configuration has changed.
-const MAX_STEP_TURN_DEG: f64 = 30.0;
+const MAX_STEP_ROTATION_DEG: f64 = 30.0;
 /// Shifts of the panel that are tried along each axis of the base, mm.
-const SHIFTS_MM: [f64; 6] = [10.0, 20.0, 40.0, 60.0, 100.0, 150.0];
+const TRIED_SHIFTS_MM: [f64; 6] = [10.0, 20.0, 40.0, 60.0, 100.0, 150.0];
 
 /// Maximum rotation of an axis between two checked poses of a joint motion, degrees: at a radius of 1 m the tip moves
 /// by 7 mm, which is less than the smallest required distance from a surface, 8 mm.
-const AXIS_STEP_DEG: f64 = 0.4;
+const MAX_AXIS_STEP_DEG: f64 = 0.4;
 
 /// The result of following a path with the arm.
 #[derive(Debug, Clone, PartialEq)]
@@ -78,7 +78,7 @@ pub fn follow_path(
             Err(_) => {}
         }
     }
-    let missing = || ReachFault { index: 0, cause: axis_limit(arm, &first.solutions) };
+    let missing = || ReachFault { index: 0, cause: smallest_axis_violation(arm, &first.solutions) };
     best.ok_or_else(|| farthest.map_or_else(missing, |(_, fault)| fault))
 }
 
@@ -117,7 +117,7 @@ pub fn helpful_shift(
             .collect();
         follow_path(arm, flange_from_tool, None, &moved).is_ok()
     };
-    SHIFTS_MM.iter().find_map(|mm| directions.map(|d| Vector::new(d * *mm)).into_iter().find(|step| follows(*step)))
+    TRIED_SHIFTS_MM.iter().find_map(|mm| directions.map(|d| Vector::new(d * *mm)).into_iter().find(|step| follows(*step)))
 }
 
 fn checked_poses(
@@ -157,7 +157,7 @@ fn checked_poses(
             continue;
         };
         let (length_mm, turn) = (from.origin().distance_mm(to.origin()), (from.inverse() * to).rotation_angle());
-        let steps = (length_mm / STEP_MM).max(turn.0 / STEP_DEG).ceil().max(1.0);
+        let steps = (length_mm / MAX_POSE_STEP_MM).max(turn.0 / MAX_POSE_STEP_DEG).ceil().max(1.0);
         let seconds = length_mm / leg.feed_mm_s / steps;
         for step in 1..=steps as usize {
             let pose = if step as f64 == steps { to } else { interpolate_pose(from, to, step as f64 / steps) };
@@ -180,14 +180,14 @@ fn track_configuration(
     let mut travel = ArmTravel { joints: Vec::new(), room_deg: f64::INFINITY };
     for (step, look) in looks.iter().enumerate() {
         let fault = |cause| (step, ReachFault { index: look.index, cause });
-        let next = nearest(arm, look, &at).map_err(fault)?;
+        let next = nearest_axis_solution(arm, look, &at).map_err(fault)?;
         if step > 0 {
             let turned: JointAngles = std::array::from_fn(|axis| next[axis] - at[axis]);
             let axis = widest_axis(&turned);
-            if turned[axis].abs() > MAX_STEP_TURN_DEG {
+            if turned[axis].abs() > MAX_STEP_ROTATION_DEG {
                 return Err(fault(Infeasibility::Flip { axis: axis + 1, turn_deg: turned[axis].abs() }));
             }
-            speed = too_fast(arm, look, &turned, &speed).map_err(fault)?;
+            speed = check_axis_speeds(arm, look, &turned, &speed).map_err(fault)?;
         }
         travel.room_deg = travel.room_deg.min(limit_room_deg(arm, look, &next).map_err(fault)?);
         check_keep_out(arm, look.tip, &next).and_then(|()| check_clearance(arm, look.tip, &next)).map_err(fault)?;
@@ -204,7 +204,7 @@ fn widest_axis(turned: &JointAngles) -> usize {
 }
 
 /// Returns the axis solution of a pose that is nearest to the current axis angles, including rotations by 360°.
-fn nearest(arm: &Kinematics, look: &CheckedPose, at: &JointAngles) -> Result<JointAngles, Infeasibility> {
+fn nearest_axis_solution(arm: &Kinematics, look: &CheckedPose, at: &JointAngles) -> Result<JointAngles, Infeasibility> {
     nearest_solution(&look.solutions, at).ok_or_else(|| reach_infeasibility(arm, look))
 }
 
@@ -276,7 +276,7 @@ pub fn joint_motion(
         }
     }
     let farthest_deg = (0..6).map(|axis| (to[axis] - from[axis]).abs()).fold(0.0, f64::max);
-    let steps = (farthest_deg / AXIS_STEP_DEG).ceil().max(1.0) as usize;
+    let steps = (farthest_deg / MAX_AXIS_STEP_DEG).ceil().max(1.0) as usize;
     for step in 0..=steps {
         let share = step as f64 / steps as f64;
         let at: JointAngles = std::array::from_fn(|axis| from[axis] + (to[axis] - from[axis]) * share);
@@ -294,13 +294,13 @@ pub fn joint_motion(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::path::reach::{Obstacles, departing};
+    use crate::path::reach::{Obstacles, arm_for_departure};
     use panelprep_base::geometry::{KukaPose, Point};
     use panelprep_cell::cell::Cell;
     use std::sync::Arc;
 
     /// Returns the value of a constant in the controller's program as it is shipped.
-    fn shipped(name: &str) -> f64 {
+    fn shipped_constant(name: &str) -> f64 {
         let text = include_str!("../../../../config/kuka/cell_config.dat");
         let line = text.lines().find_map(|line| line.split_once(&format!("{name}="))).expect("a constant");
         line.1.trim().parse().expect("a number")
@@ -309,7 +309,7 @@ mod tests {
     /// The retraction is the same as in the controller's program.
     #[test]
     fn the_retract_equals_that_of_the_controller_program() {
-        assert_eq!((RETRACT_MM, RETRACT_MM_S), (shipped("CELL_RETRACT_MM"), 1e3 * shipped("CELL_RETRACT_VEL")));
+        assert_eq!((RETRACT_MM, RETRACT_MM_S), (shipped_constant("CELL_RETRACT_MM"), 1e3 * shipped_constant("CELL_RETRACT_VEL")));
     }
 
     /// A case that a random test of the controller's programs found: the tool points down, and axis 5 is so near to its
@@ -391,7 +391,7 @@ mod tests {
             let sheet = (-12..=12).flat_map(|x| (-12..=0).map(move |z| at(x, z)));
             let points = sheet.map(|(x, z)| Point::at(x + 4.0, tip.mm.y + beside_mm, z + 4.0));
             let arm = arm.clone().with_obstacles(Arc::new(Obstacles::default().with_points_of("panel", points)));
-            let departing = departing(&arm, &turn(0.0), tool).expect("finite");
+            let departing = arm_for_departure(&arm, &turn(0.0), tool).expect("finite");
             [&arm, &departing].map(|arm| joint_motion(arm, tool, &turn(0.0), &turn(to_deg)).is_ok())
         };
         assert_eq!([moves(20.0, 20.0), moves(20.0, -20.0)], [[false, true], [false, false]]);
@@ -408,7 +408,7 @@ mod tests {
         let [_, elbow, wrist, _] = arm.centre_line(&turn(30.0).degrees());
         let beside = elbow + (wrist - elbow) * 0.5;
         let arm = arm.with_obstacles(Arc::new(Obstacles::default().with_points_of("post", [beside])));
-        let departing = departing(&arm, &turn(0.0), tool).expect("finite");
+        let departing = arm_for_departure(&arm, &turn(0.0), tool).expect("finite");
         let met = joint_motion(&departing, tool, &turn(0.0), &turn(30.0)).expect_err("a collision");
         assert!(
             matches!(&met, Infeasibility::KeepOut { part, needed_mm, .. } if *part != "tool" && *needed_mm > 70.0),

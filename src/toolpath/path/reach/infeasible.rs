@@ -14,21 +14,21 @@ use panelprep_cell::controller::RETRACT_MM;
 /// Name of the arm's part that may approach the panel.
 const TOOL: &str = "tool";
 /// Distance between the points of the arm that are compared with the keep-out boxes, mm.
-const SAMPLE_MM: f64 = 15.0;
+const ARM_POINT_DISTANCE_MM: f64 = 15.0;
 
 /// Upper limit of the tool's required distance from an obstacle on a motion away from the end of a checked path, mm.
 /// Elsewhere the configured distance is required. The joint motion that begins 40 mm above the demonstration's panel
 /// brings the rim of the disc to 11.8 mm above the panel. The obstacles' points are thinned to 8 mm, so that a distance
 /// of 8 mm can be measured as up to 10 mm.
-const DEPARTURE_MM: f64 = 10.0;
+const MAX_DEPARTURE_DISTANCE_MM: f64 = 10.0;
 /// Minimum distance of the tool from the obstacle points at which it cannot pass through a surface, mm: a line that
 /// passes between points 8 mm apart is nearer than this to one of the points.
-const MESH_MM: f64 = 8.0;
+const MIN_DEPARTURE_DISTANCE_MM: f64 = 8.0;
 /// Length by which the arm's body may approach an obstacle on such a motion, mm. The configured distance of the body
 /// includes half of its thickness.
-const BODY_SLACK_MM: f64 = 1.0;
+const MAX_BODY_APPROACH_MM: f64 = 1.0;
 
-/// Kinds of singularities.
+/// The singularities of the arm.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Singularity {
     /// Axes 4 and 6 are aligned.
@@ -57,7 +57,7 @@ pub enum Infeasibility {
         shortest_text(allowed_deg[1])
     )]
     AxisLimit {
-        /// 1 to 6.
+        /// Number of the axis, 1 to 6.
         axis: usize,
         /// The required angle of the axis, degrees.
         angle_deg: f64,
@@ -71,7 +71,7 @@ pub enum Infeasibility {
         singularity: Singularity,
         /// Distance from the singularity, degrees or mm.
         found: f64,
-        /// The required distance.
+        /// Minimum distance from the singularity, degrees or mm.
         needed: f64,
     },
     /// The configuration of the arm would change.
@@ -79,9 +79,9 @@ pub enum Infeasibility {
         "axis {axis} would jump by {turn_deg:.0}°: the next pose is only reachable in another arm configuration"
     )]
     Flip {
-        /// 1 to 6.
+        /// Number of the axis, 1 to 6.
         axis: usize,
-        /// Smallest jump, degrees.
+        /// Smallest possible rotation of the axis, degrees.
         turn_deg: f64,
     },
     /// The required speed of an axis is too high.
@@ -90,7 +90,7 @@ pub enum Infeasibility {
         distinguishable_texts(*needed_deg_s, *allowed_deg_s, 0)[1]
     )]
     AxisSpeed {
-        /// 1 to 6.
+        /// Number of the axis, 1 to 6.
         axis: usize,
         /// Required speed, degrees per second.
         needed_deg_s: f64,
@@ -103,7 +103,7 @@ pub enum Infeasibility {
         distinguishable_texts(*needed_deg_s2, *allowed_deg_s2, 0)[0], distinguishable_texts(*needed_deg_s2, *allowed_deg_s2, 0)[1]
     )]
     AxisAcceleration {
-        /// 1 to 6.
+        /// Number of the axis, 1 to 6.
         axis: usize,
         /// Required acceleration, degrees per second squared.
         needed_deg_s2: f64,
@@ -118,11 +118,11 @@ pub enum Infeasibility {
     KeepOut {
         /// Name of the part of the arm, or of the tool.
         part: &'static str,
-        /// The box.
+        /// Name of the keep-out box or the obstacle.
         name: String,
-        /// Distance, mm.
+        /// Distance of the part from the box or obstacle, mm.
         distance_mm: f64,
-        /// Distance needed, mm.
+        /// Minimum distance of the part, mm.
         needed_mm: f64,
     },
     /// The arm could not retract the tool after a stop in contact.
@@ -181,7 +181,7 @@ pub(super) fn first_exceeded_axis(arm: &Kinematics, at: &JointAngles) -> Option<
 }
 
 /// Returns the violation with the smallest excess, if every solution exceeds an axis limit.
-pub(super) fn axis_limit(arm: &Kinematics, ways: &[JointAngles]) -> Infeasibility {
+pub(super) fn smallest_axis_violation(arm: &Kinematics, ways: &[JointAngles]) -> Infeasibility {
     let far = |cause: &Infeasibility| match cause {
         Infeasibility::AxisLimit { angle_deg, allowed_deg, .. } => {
             (allowed_deg[0] - angle_deg).max(angle_deg - allowed_deg[1])
@@ -214,7 +214,7 @@ pub(super) fn limit_room_deg(arm: &Kinematics, look: &CheckedPose, at: &JointAng
 }
 
 /// Checks and returns the axes' speeds in a step, degrees per second.
-pub(super) fn too_fast(
+pub(super) fn check_axis_speeds(
     arm: &Kinematics,
     look: &CheckedPose,
     turned: &JointAngles,
@@ -266,7 +266,7 @@ pub(super) fn check_keep_out(arm: &Kinematics, tip: Point<Base>, at: &JointAngle
     let parts = parts(arm, tip, at);
     for keep_out in arm.arm().keep_out() {
         for (part, from, to, needed_mm) in parts {
-            let samples = (from.distance_mm(to) / SAMPLE_MM).ceil().max(1.0) as usize;
+            let samples = (from.distance_mm(to) / ARM_POINT_DISTANCE_MM).ceil().max(1.0) as usize;
             let along = |n: usize| from + (to - from) * (n as f64 / samples as f64);
             let outside = |point: Point<Base>| {
                 let beyond = |i: usize| (keep_out.min.mm[i] - point.mm[i]).max(point.mm[i] - keep_out.max.mm[i]);
@@ -322,7 +322,7 @@ pub(super) fn check_clearance(arm: &Kinematics, tip: Point<Base>, at: &JointAngl
     for (index, (part, from, to, needed_mm)) in parts(arm, tip, at).into_iter().enumerate() {
         for (number, obstacle) in obstacles.obstacles().iter().enumerate() {
             let needed_mm = arm.least_mm(number).map_or(needed_mm, |least_mm| least_mm[index]);
-            let nearer_mm = obstacle.smallest_distance_mm(needed_mm, |point| from_line_mm(point, from, to));
+            let nearer_mm = obstacle.smallest_distance_mm(needed_mm, |point| distance_to_segment_mm(point, from, to));
             if let Some(distance_mm) = nearer_mm {
                 let name = obstacle.name.to_owned();
                 return Err(Infeasibility::KeepOut { part, name, distance_mm, needed_mm });
@@ -339,20 +339,20 @@ pub fn is_clear(arm: &Kinematics, flange_from_tool: Rigid<Flange, Tool>, at: &Jo
 }
 
 /// Returns the arm with the required distances for a motion that begins with these axis angles, at the end of a checked
-/// path near an obstacle. The tool must keep half of its distance at the start, but at most [`DEPARTURE_MM`] and at
-/// least [`MESH_MM`]. The body must keep its distance at the start, or the configured distance if that is smaller,
-/// minus [`BODY_SLACK_MM`]. `None` if the angles are not finite.
-pub fn departing(arm: &Kinematics, from: &Joints, flange_from_tool: Rigid<Flange, Tool>) -> Option<Kinematics> {
+/// path near an obstacle. The tool must keep half of its distance at the start, but at most [`MAX_DEPARTURE_DISTANCE_MM`] and at
+/// least [`MIN_DEPARTURE_DISTANCE_MM`]. The body must keep its distance at the start, or the configured distance if that is smaller,
+/// minus [`MAX_BODY_APPROACH_MM`]. `None` if the angles are not finite.
+pub fn arm_for_departure(arm: &Kinematics, from: &Joints, flange_from_tool: Rigid<Flange, Tool>) -> Option<Kinematics> {
     let tip = (arm.base_from_flange(from)? * flange_from_tool).origin();
     let Some(obstacles) = arm.obstacles() else { return Some(arm.clone()) };
     let parts = parts(arm, tip, &from.degrees());
     let of_obstacle = |obstacle: &Obstacle| {
         parts.map(|(part, from, to, needed_mm)| {
-            let nearer_mm = obstacle.smallest_distance_mm(needed_mm, |point| from_line_mm(point, from, to));
+            let nearer_mm = obstacle.smallest_distance_mm(needed_mm, |point| distance_to_segment_mm(point, from, to));
             let start_mm = nearer_mm.unwrap_or(needed_mm);
             match part {
-                TOOL => (0.5 * start_mm).clamp(MESH_MM, DEPARTURE_MM).min(needed_mm),
-                _ => start_mm - BODY_SLACK_MM,
+                TOOL => (0.5 * start_mm).clamp(MIN_DEPARTURE_DISTANCE_MM, MAX_DEPARTURE_DISTANCE_MM).min(needed_mm),
+                _ => start_mm - MAX_BODY_APPROACH_MM,
             }
         })
     };
@@ -361,7 +361,7 @@ pub fn departing(arm: &Kinematics, from: &Joints, flange_from_tool: Rigid<Flange
 }
 
 /// Returns the distance of a point from the segment between two points, mm.
-fn from_line_mm(point: Point<Base>, from: Point<Base>, to: Point<Base>) -> f64 {
+fn distance_to_segment_mm(point: Point<Base>, from: Point<Base>, to: Point<Base>) -> f64 {
     let (way, arm) = ((to - from).mm, (point - from).mm);
     let share = (arm.dot(&way) / way.norm_squared().max(1e-9)).clamp(0.0, 1.0);
     (arm - way * share).norm()
@@ -382,7 +382,7 @@ mod tests {
     #[test]
     fn distances_from_a_line() {
         let line =
-            |x: f64| from_line_mm(Point::at(x, 40.0, 0.0), Point::at(0.0, 0.0, 0.0), Point::at(100.0, 0.0, 0.0));
+            |x: f64| distance_to_segment_mm(Point::at(x, 40.0, 0.0), Point::at(0.0, 0.0, 0.0), Point::at(100.0, 0.0, 0.0));
         assert!((line(30.0) - 40.0).abs() < 1e-12 && (line(-30.0) - 50.0).abs() < 1e-12);
     }
 

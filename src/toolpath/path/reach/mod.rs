@@ -14,13 +14,13 @@ mod infeasible;
 
 pub use super::obstacles::Obstacles;
 pub use follow::{ArmTravel, check_retracts, follow_path, helpful_shift, joint_motion, postures, retract};
-pub use infeasible::{Infeasibility, PathLine, ReachFault, Singularity, departing, interpolate_pose, is_clear};
+pub use infeasible::{Infeasibility, PathLine, ReachFault, Singularity, arm_for_departure, interpolate_pose, is_clear};
 
 #[cfg(test)]
 mod tests {
     //! Tests of paths that are rejected, at poses calculated by hand.
 
-    use super::infeasible::{CheckedPose, check_keep_out, first_exceeded_axis, too_fast};
+    use super::infeasible::{CheckedPose, check_keep_out, first_exceeded_axis, check_axis_speeds};
     use super::*;
     use crate::path::kinematics::{JointAngles, Kinematics};
     use panelprep_base::geometry::{Flange, Joints, KukaPose, Point, Rigid, Tool};
@@ -115,8 +115,8 @@ mod tests {
             for sign in [1.0, -1.0] {
                 let turned = |share: f64| only(sign * share * axes.max_speed_deg_s[axis] * 0.01);
                 let free = look(0.01, None);
-                assert!(too_fast(&arm, &free, &turned(0.999), &[0.0; 6]).is_ok());
-                let refused = too_fast(&arm, &free, &turned(1.001), &[0.0; 6]).expect_err("too fast");
+                assert!(check_axis_speeds(&arm, &free, &turned(0.999), &[0.0; 6]).is_ok());
+                let refused = check_axis_speeds(&arm, &free, &turned(1.001), &[0.0; 6]).expect_err("too fast");
                 assert!(
                     matches!(refused, Infeasibility::AxisSpeed { axis: found, .. } if found == axis + 1),
                     "{refused:?}"
@@ -125,8 +125,8 @@ mod tests {
                 let change = axes.max_acceleration_deg_s2[axis] * 0.01;
                 let to = |share: f64| only((10.0 + sign * share * change) * 0.01);
                 let held = look(0.01, Some(0.01));
-                assert!(too_fast(&arm, &held, &to(0.999), &only(10.0)).is_ok());
-                let refused = too_fast(&arm, &held, &to(1.001), &only(10.0)).expect_err("too quick");
+                assert!(check_axis_speeds(&arm, &held, &to(0.999), &only(10.0)).is_ok());
+                let refused = check_axis_speeds(&arm, &held, &to(1.001), &only(10.0)).expect_err("too quick");
                 assert!(
                     matches!(refused, Infeasibility::AxisAcceleration { axis: found, .. } if found == axis + 1)
                 );

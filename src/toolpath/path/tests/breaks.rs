@@ -1,7 +1,7 @@
 //! Tests of paths over areas around breaks. Expected values are calculated by hand on a plane of 280 × 168 mm with 3 ×
 //! 5 grids of 56 mm.
 
-use super::super::breaks::{Breaks, Distances, around_breaks, lay_boxes};
+use super::super::breaks::{Breaks, Distances, around_breaks, arrange_boxes};
 use super::super::gate::judge_plan;
 use super::super::plan::plan_beyond_borders;
 use super::*;
@@ -122,7 +122,7 @@ fn every_pattern_covers_the_smallest_areas() {
         for own in smallest {
             let broken = vec![own.parameter_at(Parameter { u: 0.5, v: 0.5 })];
             let plan = planned(vec![own], broken, &settings);
-            let is_covered = plan.grids.iter().all(|grid| grid.share() >= MIN_COVERAGE);
+            let is_covered = plan.grids.iter().all(|grid| grid.covered_fraction() >= MIN_COVERAGE);
             assert!(is_covered && plan.breaks_reached == Some(1.0), "{pattern} {own:?}: {:?}", plan.grids);
             let judgement = judge(&plan, &settings);
             assert_eq!(judgement.verdict, Verdict::Accept, "{pattern} {own:?}: {judgement:?}");
@@ -135,7 +135,7 @@ fn every_pattern_covers_the_smallest_areas() {
 }
 
 /// Expected values, calculated by hand: a disc of 5 mm radius that moves along the middle of an area of 20 × 10 mm
-/// covers the area completely. Of the whole grid of 50 × 50 mm it covers 278.5 of 2500 mm², see `dwell_by_hand`.
+/// covers the area completely. Of the whole grid of 50 × 50 mm it covers 278.5 of 2500 mm², see `dwell_time_agrees_with_hand_calculation`.
 #[test]
 fn the_executed_path_is_compared_with_the_area() {
     let (surface, region) = (rectangle(50.0, 50.0), one_grid());
@@ -144,11 +144,11 @@ fn the_executed_path_is_compared_with_the_area() {
     let own = ParameterPatch { low: Parameter { u: 0.3, v: 0.4 }, high: Parameter { u: 0.7, v: 0.6 } };
     let treated = Treated::from_areas(&region, vec![own], vec![]);
     let found = dwell::simulate_treated(&surface, &region, &treated, &[at(15.0), at(35.0)], 5.0);
-    assert_eq!((found.share(), found.grids[0].untreated_mm2()), (1.0, 0.0));
+    assert_eq!((found.covered_fraction(), found.grids[0].untreated_mm2()), (1.0, 0.0));
     let half = dwell::simulate_treated(&surface, &region, &treated, &[at(15.0), at(20.0)], 5.0);
     // The disc covers up to x = 25 in the middle, and up to 20 at the sides: 5 · 10 mm² and half of a disc of 5 mm,
     // 39.3 mm²: 89.3 of 200 mm².
-    assert!((half.share() - 0.446).abs() < 0.02, "{}", half.share());
+    assert!((half.covered_fraction() - 0.446).abs() < 0.02, "{}", half.covered_fraction());
 }
 
 /// The distances for a disc of 30 mm and the default uncertainty of 2 mm.
@@ -173,7 +173,7 @@ fn corners_mm(boxes: &[ParameterPatch]) -> Vec<[f64; 4]> {
 #[test]
 fn boxes_become_one_only_if_this_costs_no_more() {
     let surface = rectangle(280.0, 168.0);
-    let found = |boxes: &[ParameterPatch]| corners_mm(&lay_boxes(&surface, boxes.to_vec(), DISTANCES));
+    let found = |boxes: &[ParameterPatch]| corners_mm(&arrange_boxes(&surface, boxes.to_vec(), DISTANCES));
     let first = area([50.0, 50.0], [95.0, 95.0]);
     assert_eq!(found(&[first, area([80.0, 60.0], [125.0, 105.0])]), [[50.0, 50.0, 125.0, 105.0]]);
     let corner = area([90.0, 90.0], [135.0, 135.0]);

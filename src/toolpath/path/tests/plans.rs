@@ -11,7 +11,7 @@ use panelprep_base::verdict::{Check, Severity};
 /// connections of 11 mm are 264 mm of contact, in addition to 2 · 40 mm in the air at 60 mm/s. In contact the feed is
 /// 20 to 60 mm/s, so the contact lasts 4.4 to 13.2 s.
 #[test]
-fn a_plan_over_a_plane_by_hand() {
+fn a_plan_over_a_plane_agrees_with_hand_calculation() {
     let (surface, settings) = (rectangle(50.0, 50.0), settings("landing_mm = 0"));
     let one = one_grid();
     let plan = plan(&surface, &one, &[GridId { row: 1, column: 1 }], &[], &settings).expect("a plan");
@@ -239,7 +239,7 @@ fn the_tool_is_on_the_normal_and_turns_gently() {
         let plan = plan(&fit.surface, &region, &grids, &outline, &settings).unwrap_or_else(|e| panic!("{e}"));
         let judgement = judge(&plan, &settings);
         assert_eq!(judgement.verdict, Verdict::Accept, "{shape:?}: {judgement:?}");
-        assert!(plan.grids.iter().all(|grid| grid.share() > 0.995), "{shape:?}: {:?}", plan.grids);
+        assert!(plan.grids.iter().all(|grid| grid.covered_fraction() > 0.995), "{shape:?}: {:?}", plan.grids);
         let reference = Vector3::from(settings.reference_axis());
         let (mut angle, mut spin, mut turn) = (0.0f64, 0.0f64, 0.0f64);
         for path in &plan.paths {

@@ -245,7 +245,7 @@ fn places_that_the_outline_excludes_are_reported_as_untreated() {
         let judgement = judge(&plan, &settings);
         assert!(plan.overhang.largest_mm <= 0.0, "{pattern}: {:?}", plan.overhang);
         assert_eq!((judgement.verdict, &*judgement.reasons[0].code), (Verdict::Review, "coverage"), "{pattern}");
-        assert!((plan.grids[0].share() - 0.9846).abs() < 0.002, "{pattern}: {:?}", plan.grids);
+        assert!((plan.grids[0].covered_fraction() - 0.9846).abs() < 0.002, "{pattern}: {:?}", plan.grids);
     }
 }
 
@@ -277,7 +277,7 @@ fn every_pattern_covers_the_region() {
 /// Expected values, calculated by hand for a disc of 5 mm radius on a track of 20 mm at 10 mm/s. On the track's line,
 /// 10 mm from its ends, the dwell time is 1 s; 4 mm beside the line it is 0.6 s. A track there and back has two passes.
 #[test]
-fn dwell_by_hand() {
+fn dwell_time_agrees_with_hand_calculation() {
     let (surface, region) = (rectangle(50.0, 50.0), one_grid());
     let pose = |x: f64| KukaPose { x_mm: x, y_mm: 25.0, c_deg: 180.0, ..KukaPose::default() }.to_rigid();
     let at = |x: f64| dwell::ExecutedPose { panel_from_tool: pose(x), seconds: 2.0, contact: true, force_n: None };
@@ -290,11 +290,11 @@ fn dwell_by_hand() {
     assert!((sample(&once, 25, 25).0 - 1.0).abs() < 0.11 && (sample(&once, 25, 28).0 - 0.7).abs() < 0.11);
     assert_eq!((sample(&once, 25, 25).1, sample(&once, 25, 31)), (1, (0.0, 0)));
     // A straight track covers a stadium of 20 · 10 + 25π = 278.5 of 2500 mm².
-    assert!((once.share() - 0.1114).abs() < 0.003 && (once.grids[0].untreated_mm2() - 2_221.5).abs() < 8.0);
+    assert!((once.covered_fraction() - 0.1114).abs() < 0.003 && (once.grids[0].untreated_mm2() - 2_221.5).abs() < 8.0);
     let back = dwell::ExecutedPose { contact: false, ..at(60.0) };
     let twice = dwell::simulate(&surface, &region, &grids, &[at(15.0), at(35.0), back, at(35.0), at(15.0)], 5.0);
     assert_eq!(sample(&twice, 25, 25).1, 2);
-    assert!((twice.grids[0].overlap() - once.share()).abs() < 0.04, "{}", twice.grids[0].overlap());
+    assert!((twice.grids[0].overlap() - once.covered_fraction()).abs() < 0.04, "{}", twice.grids[0].overlap());
     assert!((sample(&twice, 25, 25).0 - 2.0).abs() < 0.21);
 }
 
@@ -311,14 +311,14 @@ fn a_disc_larger_than_the_grid_covers_it() {
             let plan = plan(&surface, &region, &grids, &[], &settings).expect("a plan");
             let dwell = dwell::simulate(&surface, &region, &grids, &dwell::timed_poses(&plan), 30.0);
             let name = format!("{pattern}, {side_mm} mm");
-            assert!(plan.coverage == 1.0 && dwell.share() == 1.0, "{name}: {} {}", plan.coverage, dwell.share());
+            assert!(plan.coverage == 1.0 && dwell.covered_fraction() == 1.0, "{name}: {} {}", plan.coverage, dwell.covered_fraction());
             assert_eq!(format!("{:.2}", dwell.grids[0].untreated_mm2()), "0.00", "{name}");
             let spread = plan.dwell.expect("treated");
             assert!(spread.low_s > 0.1 && plan.contact_mm >= 15.0 - 1e-9, "{name}: {spread:?} {}", plan.contact_mm);
         }
     }
     let none = dwell::simulate(&rectangle(6.0, 6.0), &region, &grids, &[], 30.0);
-    assert_eq!(format!("{:.2} {:.2}", 100.0 * none.share(), none.grids[0].overlap()), "0.00 0.00");
+    assert_eq!(format!("{:.2} {:.2}", 100.0 * none.covered_fraction(), none.grids[0].overlap()), "0.00 0.00");
     assert!(none.spread().is_none());
 }
 
@@ -352,16 +352,16 @@ fn the_planned_coverage_agrees_with_the_simulated_path() {
     let plan = plan(&fit.surface, &region, &grids, &outline, &settings).expect("a plan");
     let dwell = dwell::simulate(&fit.surface, &region, &grids, &dwell::timed_poses(&plan), 15.0);
     assert!(
-        (dwell.share() - plan.coverage).abs() < 0.002 && dwell.share() > 0.995,
+        (dwell.covered_fraction() - plan.coverage).abs() < 0.002 && dwell.covered_fraction() > 0.995,
         "{} {}",
-        dwell.share(),
+        dwell.covered_fraction(),
         plan.coverage
     );
     // With half of the path, the simulation shows the part that is not covered.
     let mut half = dwell::timed_poses(&plan);
     half.truncate(half.len() / 2);
     let executed = dwell::simulate(&fit.surface, &region, &grids, &half, 15.0);
-    assert!((0.4..0.7).contains(&executed.share()), "{}", executed.share());
+    assert!((0.4..0.7).contains(&executed.covered_fraction()), "{}", executed.covered_fraction());
     let used = disc::DiscWearPlan::compute(&plan, &settings, 0.0);
     assert!((used.swept_mm2 - plan.contact_mm * 30.0).abs() < 1e-6 && !used.is_change_needed());
 }

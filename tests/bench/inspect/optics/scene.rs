@@ -74,14 +74,16 @@ struct Seen {
     lit: [f64; 3],
     /// Dry reflectance of the new panel, per channel.
     made: [f64; 3],
+    /// Dry reflectance of the panel as it is now, per channel.
     dry: [f64; 3],
+    /// Reflectance of the gloss under water, per channel.
     gloss_wet: [f64; 3],
     look: Appearance,
     place: Place,
     pixel_mm: f64,
 }
 
-/// A clip.
+/// The scene of one clip, from which its pictures are rendered.
 pub struct Scene {
     pub spec: Spec,
     pub camera: PinholeCamera,
