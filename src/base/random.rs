@@ -11,7 +11,11 @@ pub fn bytes<const N: usize>() -> std::io::Result<[u8; N]> {
     let mut bytes = [0; N];
     match getrandom(&mut bytes, GetRandomFlags::empty())? {
         count if count == N => Ok(bytes),
-        _ => Err(Error::new(ErrorKind::UnexpectedEof, "the operating system returned too few random bytes")),
+        _ => Err(Error::new(
+            ErrorKind::UnexpectedEof,
+            "the operating system returned too few random bytes; try \
+            again",
+        )),
     }
 }
 

@@ -219,7 +219,7 @@ mod injected {
         if FILE.is_some() { silence.min(Duration::from_secs(3)) } else { silence }
     }
 
-    #[expect(clippy::panic, reason = "the requested test fault")]
+    #[expect(clippy::panic, reason = "a test fault that PANELPREP_INJECT requested")]
     pub(super) fn inject_fault(thread: &str) {
         // A second panic during unwinding would abort the process before it could report the first one.
         if std::thread::panicking() {

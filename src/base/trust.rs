@@ -30,7 +30,13 @@ impl TrustError {
 /// If the file cannot be read, or its first line is empty.
 pub fn secret(file: &Path) -> Result<String, TrustError> {
     let bytes = disk::read(file).map_err(|error| TrustError::new(file, error))?;
-    let text = String::from_utf8(bytes).map_err(|_| TrustError::new(file, "the file is not valid UTF-8 text"))?;
+    let text = String::from_utf8(bytes).map_err(|_| {
+        TrustError::new(
+            file,
+            "the file is not valid UTF-8 text; \
+        save it as UTF-8",
+        )
+    })?;
     match text.lines().next().map(str::trim_end).filter(|line| !line.is_empty()) {
         Some(secret) => Ok(secret.to_owned()),
         None => Err(TrustError::new(
@@ -70,7 +76,11 @@ fn certificates(file: &Path) -> Result<Vec<CertificateDer<'static>>, TrustError>
     let read: Result<Vec<_>, _> = CertificateDer::pem_slice_iter(&bytes).collect();
     let all = read.map_err(|error| TrustError::new(file, format!("the file is not a PEM certificate: {error}")))?;
     if all.is_empty() {
-        return Err(TrustError::new(file, "the file contains no PEM certificate"));
+        return Err(TrustError::new(
+            file,
+            "the file contains no certificate in PEM format; give the path of a PEM \
+            certificate",
+        ));
     }
     Ok(all)
 }
@@ -92,7 +102,7 @@ mod tests {
         let empty =
             Err("the first line of the file is empty; write the password or token into this line".to_owned());
         assert_eq!([read(b""), read(b"\nsecond\n")], [empty.clone(), empty]);
-        assert_eq!(read(&[0xff]), Err("the file is not valid UTF-8 text".to_owned()));
+        assert_eq!(read(&[0xff]), Err("the file is not valid UTF-8 text; save it as UTF-8".to_owned()));
         let missing = secret(&folder.path().join("none")).expect_err("not there");
         assert!(missing.to_string().ends_with("none: No such file or directory (os error 2)"), "{missing}");
     }
@@ -103,7 +113,13 @@ mod tests {
         let file = folder.path().join("ca.pem");
         std::fs::write(&file, "no certificate").expect("written");
         let error = client_config(&file, None).expect_err("nothing in it");
-        assert!(error.to_string().ends_with("ca.pem: the file contains no PEM certificate"), "{error}");
+        assert!(
+            error.to_string().ends_with(
+                "ca.pem: the file contains no certificate in PEM format; give the \
+            path of a PEM certificate"
+            ),
+            "{error}"
+        );
         let own = rcgen::generate_simple_self_signed(vec!["server".to_owned()]).expect("a certificate");
         std::fs::write(&file, own.cert.pem()).expect("written");
         assert!(client_config(&file, None).is_ok());

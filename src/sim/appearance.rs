@@ -6,7 +6,7 @@
 //! radius.
 
 use super::cast::{CastView, PixelHit};
-use super::noise::{STEPS_PER_GRAY_LEVEL, PixelNoise, RandomPurpose, Seed, to_bytes};
+use super::noise::{PixelNoise, RandomPurpose, STEPS_PER_GRAY_LEVEL, Seed, to_bytes};
 use nalgebra::Vector3;
 use panelprep_base::geometry::ColorPicture;
 use rand::RngExt;

@@ -9,7 +9,7 @@
 //! are drawn at random, as a careful operator would choose them: widely distributed, with the whole board in the
 //! picture.
 
-use super::noise::{STEPS_PER_GRAY_LEVEL, NormalStream, PixelNoise, RandomPurpose, Seed, to_byte};
+use super::noise::{NormalStream, PixelNoise, RandomPurpose, STEPS_PER_GRAY_LEVEL, Seed, to_byte};
 use super::scanner::{Projector, ScannerDistortion};
 use super::{scanner, scene};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
@@ -301,7 +301,7 @@ fn organized_cloud(camera: &PinholeCamera, points: Vec<[f32; 3]>, picture: &Gray
     let colors = picture.gray.iter().map(|&gray| [gray; 3]).collect();
     match OrganizedCloud::new(camera.width_px, camera.height_px, points, colors) {
         Ok(cloud) => cloud,
-        Err(error) => unreachable!("one point and one colour a pixel were made: {error}"),
+        Err(error) => unreachable!("the cloud must have one point and one colour per pixel: {error}"),
     }
 }
 
@@ -454,7 +454,7 @@ impl BoardCell {
                 return camera_from_board;
             }
         }
-        unreachable!("a board of this size fits into the picture somewhere")
+        unreachable!("no pose was found at which the whole board is in the picture")
     }
 
     /// Renders the picture of the shot.
@@ -474,7 +474,7 @@ impl BoardCell {
         let corners = self.print.corners().into_iter().map(|corner| {
             let (du, dv) = (normal.next() * noise_px, normal.next() * noise_px);
             let Some(pixel) = camera.project(shot.camera_from_board * corner) else {
-                unreachable!("the whole board lies in front of the camera")
+                unreachable!("every corner of the board must be in front of the camera")
             };
             (corner, Pixel::at(pixel.u + du, pixel.v + dv))
         });

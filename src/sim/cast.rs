@@ -38,7 +38,7 @@ impl Rays {
         let node = |index: usize| {
             let (column, row) = (index % columns * RAY_STEP_PX, index / columns * RAY_STEP_PX);
             let Some(ray) = camera.unproject::<Camera>(Pixel::at(column as f64, row as f64)) else {
-                unreachable!("the lenses of this cell have an inverse all over their pictures")
+                unreachable!("the distortion of the cell's lenses must be invertible in their whole pictures")
             };
             [ray.mm.x, ray.mm.y]
         };

@@ -77,7 +77,7 @@ impl Cell {
     /// # Panics
     /// If `reduction` is not 1…8.
     pub fn new(seed: u64, scene: Scene, reduction: usize) -> Self {
-        assert!((1..=8).contains(&reduction), "pictures {reduction} times smaller; valid: 1 to 8");
+        assert!((1..=8).contains(&reduction), "the reduction of the pictures is {reduction}; valid: 1 to 8");
         let seed = Seed(seed);
         let taught = Shape::taught(seed);
         let present = match scene {
@@ -350,7 +350,7 @@ impl Cell {
                 scene::base_from_camera().inverse() * (scene::nominal() * self.taught.point(inner[index].into()));
             match self.scanner.0.project(seen) {
                 Some(pixel) => pixel,
-                None => unreachable!("the nominal panel lies in front of the camera"),
+                None => unreachable!("the nominal panel must be in front of the camera"),
             }
         });
         Region { corners_px, rows: 4, columns: 6 }

@@ -138,7 +138,12 @@ impl Film {
     /// If the picture has another size than the film's pictures.
     pub fn renew(&self, picture: &mut ColorPicture, time_s: f64) {
         const MARGIN_PX: usize = 16;
-        assert_eq!((picture.width, picture.height), (self.width, self.height), "a picture of this film");
+        assert_eq!(
+            (picture.width, picture.height),
+            (self.width, self.height),
+            "the picture must have the size \
+            of this film's pictures"
+        );
         let shown = || self.rows.iter().enumerate().filter(|(_, row)| !row.wetted.is_empty());
         let (Some((top, _)), Some((bottom, _))) = (shown().next(), shown().next_back()) else { return };
         let left = shown().map(|(_, row)| row.first_column).min().unwrap_or(0);
@@ -208,7 +213,8 @@ impl Film {
     /// Returns the ground truth: the colours of each pixel, dry and under an unbroken film, grey levels. The two
     /// colours are equal beside the panel.
     pub fn dry_and_wet_levels(&self) -> Vec<[[f64; 3]; 2]> {
-        let levels = |color: FixedColor| color.map(|level| f64::from(level) / f64::from(super::noise::STEPS_PER_GRAY_LEVEL));
+        let levels =
+            |color: FixedColor| color.map(|level| f64::from(level) / f64::from(super::noise::STEPS_PER_GRAY_LEVEL));
         let mut both: Vec<[[f64; 3]; 2]> = self.dry.iter().map(|dry| [levels(*dry); 2]).collect();
         for (index, row) in self.rows.iter().enumerate() {
             for (offset, wetted) in row.wetted.iter().enumerate() {

@@ -82,7 +82,8 @@ impl Sanding {
         let mut depth_mm = vec![f32::NEG_INFINITY; LATTICE_CELLS_PER_SIDE * LATTICE_CELLS_PER_SIDE];
         for [s, t] in centres_mm {
             let reach = |mm: f64| {
-                let cell = |mm: f64| (mm + LATTICE_HALF_MM).clamp(0.0, (LATTICE_CELLS_PER_SIDE - 1) as f64) as usize;
+                let cell =
+                    |mm: f64| (mm + LATTICE_HALF_MM).clamp(0.0, (LATTICE_CELLS_PER_SIDE - 1) as f64) as usize;
                 cell(mm - radius_mm)..cell(mm + radius_mm) + 1
             };
             for row in reach(*t) {
@@ -100,7 +101,8 @@ impl Sanding {
     /// Adds a pass over these quadrilaterals of the sheet, mm.
     pub(super) fn add_quads(&mut self, quads_mm: &[[[f64; 2]; 4]], (seed, strength): (Seed, SandingStrength)) {
         let depth = |index: usize| {
-            let place = [index % LATTICE_CELLS_PER_SIDE, index / LATTICE_CELLS_PER_SIDE].map(|cell| cell as f64 + 0.5 - LATTICE_HALF_MM);
+            let place = [index % LATTICE_CELLS_PER_SIDE, index / LATTICE_CELLS_PER_SIDE]
+                .map(|cell| cell as f64 + 0.5 - LATTICE_HALF_MM);
             quads_mm.iter().map(|quad| inside_distance(quad, place)).fold(f64::NEG_INFINITY, f64::max) as f32
         };
         self.add((0..LATTICE_CELLS_PER_SIDE * LATTICE_CELLS_PER_SIDE).map(depth).collect(), seed, strength);

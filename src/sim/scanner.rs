@@ -122,7 +122,7 @@ pub(super) fn capture(
     });
     match OrganizedCloud::new(width, height, points, colors) {
         Ok(cloud) => cloud,
-        Err(error) => unreachable!("one point and one colour a pixel were made: {error}"),
+        Err(error) => unreachable!("the cloud must have one point and one colour per pixel: {error}"),
     }
 }
 
@@ -183,7 +183,11 @@ pub(super) fn measure_point(
     let (white, chance, between) = (normal.next(), normal.next_uniform(), normal.next_uniform());
     let near = sight.panel.filter(|panel| panel.edge_px < EDGE_ZONE_PX);
     let at_edge = near.is_some_and(|panel| panel.edge_px > -EDGE_ZONE_PX);
-    let missing = if at_edge { FLYING_POINT_FRACTION..FLYING_POINT_FRACTION + MISSING_EDGE_POINT_FRACTION } else { 0.0..DROPOUT_FRACTION };
+    let missing = if at_edge {
+        FLYING_POINT_FRACTION..FLYING_POINT_FRACTION + MISSING_EDGE_POINT_FRACTION
+    } else {
+        0.0..DROPOUT_FRACTION
+    };
     if missing.contains(&chance) {
         return None;
     }
@@ -397,7 +401,9 @@ pub(super) mod tests {
         assert!(projector.is_lit(&Vector3::new(-39.0, 0.0, 600.0), None), "not in its own shadow");
         // 3 mm of 700 mm are less than the 0.5 % at which an object casts a shadow.
         let thin = Slab::facing(Point3::new(662.0, 0.0, 360.0), -Vector3::x(), 0.0, [40.0, 40.0], [100.0; 3]);
-        assert!(Projector::new(&camera_pose_before_plate(), None, &[thin]).is_lit(&Vector3::new(0.0, 0.0, 700.0), None));
+        assert!(
+            Projector::new(&camera_pose_before_plate(), None, &[thin]).is_lit(&Vector3::new(0.0, 0.0, 700.0), None)
+        );
     }
 
     /// The object is between lens and projector with its edge towards the camera: the lens sees the object's unlit
@@ -406,7 +412,8 @@ pub(super) mod tests {
     fn the_unlit_side_of_an_object_has_no_points() {
         let seen_from = |y_mm: f64| {
             let thing = Slab::facing(Point3::new(465.0, y_mm, 360.0), Vector3::y(), 0.0, [40.0, 40.0], [100.0; 3]);
-            Projector::new(&camera_pose_before_plate(), None, &[thing]).is_lit(&Vector3::new(-y_mm, 0.0, 505.0), None)
+            Projector::new(&camera_pose_before_plate(), None, &[thing])
+                .is_lit(&Vector3::new(-y_mm, 0.0, 505.0), None)
         };
         assert!(!seen_from(-50.0), "at x = 50 mm lens and projector, at 111 mm, are on both sides");
         assert!(seen_from(50.0) && seen_from(-150.0));

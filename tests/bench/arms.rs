@@ -289,11 +289,16 @@ fn test_contact_errors(seeds: u64) -> usize {
     let (share, held) = (good as f64 / seeds as f64, held as f64 / places.max(1) as f64);
     let goal = format!("{MAX_CONTACT_ERROR_MM} mm in {} %", 100.0 * MIN_GOOD_SEED_FRACTION);
     let found = format!("{good} of {seeds} arms");
-    Figure("calib: simulated arms: contact after calibration").report(&goal, &found, share >= MIN_GOOD_SEED_FRACTION);
+    Figure("calib: simulated arms: contact after calibration").report(
+        &goal,
+        &found,
+        share >= MIN_GOOD_SEED_FRACTION,
+    );
     let found = format!("{:.1} % of {places}", 100.0 * held);
     let is_held = (STATED_FRACTION_RANGE.0..=STATED_FRACTION_RANGE.1).contains(&held);
     Figure("calib: places within the stated error").report("90–99 %", &found, is_held);
-    let is_good = share >= MIN_GOOD_SEED_FRACTION && (STATED_FRACTION_RANGE.0..=STATED_FRACTION_RANGE.1).contains(&held);
+    let is_good =
+        share >= MIN_GOOD_SEED_FRACTION && (STATED_FRACTION_RANGE.0..=STATED_FRACTION_RANGE.1).contains(&held);
     println!(
         "{} arms of {seeds} seeds: contact within {MAX_CONTACT_ERROR_MM} mm over the whole panel in {:.0} % ({:.0}), {:.1} % of the places within \
          the stated 95 % (90 to 99)",

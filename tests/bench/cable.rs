@@ -199,7 +199,13 @@ fn check_store(cell: &Prepared, course: &Course<'_>) -> Vec<String> {
 }
 
 /// Writes all messages, the person's requests, and the logs of service and controller.
-fn write_messages(folder: &str, scenario: &Scenario, events: &[truth::Event], course: &Course<'_>, cell: &Prepared) {
+fn write_messages(
+    folder: &str,
+    scenario: &Scenario,
+    events: &[truth::Event],
+    course: &Course<'_>,
+    cell: &Prepared,
+) {
     let mut text = format!("{scenario}\n{:?}\n", scenario.lie);
     for order in &course.person.orders {
         let _ = writeln!(text, "{:10.1} person {} {}", order.at_ms, order.word, order.done);

@@ -42,7 +42,8 @@ fn main() -> ExitCode {
     let few = numbers.next().unwrap_or(seeds.div_ceil(10));
     let mut missed = three_points(seeds);
     let mut regions = Vec::new();
-    for (name, robot, limit_mm) in [("robot 0.02 mm", GOOD_ROBOT, 0.06), ("robot 0.5 mm", BAD_ROBOT, MAX_ERROR_WITH_BAD_ROBOT_MM)]
+    for (name, robot, limit_mm) in
+        [("robot 0.02 mm", GOOD_ROBOT, 0.06), ("robot 0.5 mm", BAD_ROBOT, MAX_ERROR_WITH_BAD_ROBOT_MM)]
     {
         regions.push(region::<ScannerMount>(seeds, name, robot, (Lens::truth::<ScannerMount>, limit_mm)));
         regions.push(region::<FlangeCameraMount>(seeds, name, robot, (Lens::truth::<FlangeCameraMount>, limit_mm)));
@@ -130,7 +131,11 @@ fn mounts_reported(mounts: &[MountFound]) {
         is_met,
     );
     let own_mm = worst(|mount| mount.own_mm);
-    Figure("calib: own lens").report(&format!("{MAX_ERROR_WITH_OWN_LENS_MM} mm"), &format!("{own_mm:.3} mm"), own_mm <= MAX_ERROR_WITH_OWN_LENS_MM);
+    Figure("calib: own lens").report(
+        &format!("{MAX_ERROR_WITH_OWN_LENS_MM} mm"),
+        &format!("{own_mm:.3} mm"),
+        own_mm <= MAX_ERROR_WITH_OWN_LENS_MM,
+    );
 }
 
 fn three_points(seeds: u64) -> usize {
@@ -165,8 +170,13 @@ fn rendered<A: Side>(seeds: u64) -> MountFound {
         with_own.push(by_own.mm);
         missed += usize::from(by_truth.suspects + by_own.suspects > 0);
     }
-    let [truth, deg, own, slowest] = [with_truth, deg, with_own, seconds].map(|mut values| value_quantile(&mut values, 1.0));
-    let good = truth <= MAX_ERROR_WITH_TRUE_LENS_MM && deg <= MAX_ERROR_WITH_TRUE_LENS_DEG && own <= MAX_ERROR_WITH_OWN_LENS_MM && slowest <= 20.0 && missed == 0;
+    let [truth, deg, own, slowest] =
+        [with_truth, deg, with_own, seconds].map(|mut values| value_quantile(&mut values, 1.0));
+    let good = truth <= MAX_ERROR_WITH_TRUE_LENS_MM
+        && deg <= MAX_ERROR_WITH_TRUE_LENS_DEG
+        && own <= MAX_ERROR_WITH_OWN_LENS_MM
+        && slowest <= 20.0
+        && missed == 0;
     let numbers = format!(
         "worst of {seeds} seeds: {truth:.3} mm ({MAX_ERROR_WITH_TRUE_LENS_MM}) and {deg:.4}° ({MAX_ERROR_WITH_TRUE_LENS_DEG}) with the true lens, {own:.3} mm ({MAX_ERROR_WITH_OWN_LENS_MM}) with its own, \
          whose stated region contains the true mount in {held}; corners, lens and mount in {slowest:.1} s (20); {missed} false alarms"
@@ -253,7 +263,8 @@ fn region<A: Side>(
     let mut mm: Vec<f64> = errors.iter().map(|error| error.mm).collect();
     let mut stated: Vec<f64> = errors.iter().map(|error| error.stated_mm).collect();
     let first = value_quantile(&mut mm[..mm.len().min(LIMIT_SEEDS)].to_vec(), 1.0);
-    let (worst, median, stated) = (value_quantile(&mut mm, 1.0), value_quantile(&mut mm, 0.5), value_quantile(&mut stated, 0.5));
+    let (worst, median, stated) =
+        (value_quantile(&mut mm, 1.0), value_quantile(&mut mm, 0.5), value_quantile(&mut stated, 0.5));
     let alarms = errors.iter().filter(|error| error.suspects > 0).count();
     let good = STATED_FRACTION_RANGE.contains(&held) && first <= limit_mm;
     let numbers = format!(

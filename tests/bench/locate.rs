@@ -274,7 +274,12 @@ fn good(seeds: RangeInclusive<u64>) -> usize {
         quantile(&mut largest, 0.95)
     );
     shared(Figure("locate: good scans accepted, of all"), accepted, count, MIN_ACCEPTED_FRACTION_OF_ALL);
-    shared(Figure("locate: of those that their covariance knows well enough"), accepted, known, MIN_ACCEPTED_FRACTION);
+    shared(
+        Figure("locate: of those that their covariance knows well enough"),
+        accepted,
+        known,
+        MIN_ACCEPTED_FRACTION,
+    );
     let found = format!("{wrong} of {accepted}");
     Figure("locate: accepted poses with more than 0.3 mm error").report("0", &found, wrong == 0 && accepted > 0);
     let within = Figure("locate: within 0.07 mm on average and 0.15 mm at most, large panels");
@@ -282,25 +287,22 @@ fn good(seeds: RangeInclusive<u64>) -> usize {
     shared(Figure("locate: within the stated error, others"), stated, others, MIN_STATED_FRACTION);
     let (goal, found) = (format!("{VERDICT_MS} ms"), format!("{median_ms:.0} ms"));
     Figure("locate: scan in memory to verdict, median").report(&goal, &found, median_ms <= VERDICT_MS);
-    row(wrong == 0, &format!("{wrong} of {accepted} accepted poses are wrong by more than {MAX_CORRECT_ERROR_MM} mm"))
-        + row(
-            share(accepted, known) >= MIN_ACCEPTED_FRACTION,
-            &format!(
-                "{accepted} of {known} good scans that their own covariance knows to {STATED_MM} mm are accepted"
-            ),
-        )
-        + row(share(accepted, count) >= MIN_ACCEPTED_FRACTION_OF_ALL, &format!("{accepted} of {count} good scans are accepted"))
-        + row(
-            share(large_good, large) >= LARGE_SHARE,
-            &format!("{large_good} of {large} large panels within {MEAN_MM} mm on average and {MAX_MM} mm at most"),
-        )
-        + row(
-            share(stated, others) >= MIN_STATED_FRACTION && too_much == 0,
-            &format!(
-                "{stated} of {others} others within what is stated; {too_much} state more than {STATED_MM} mm"
-            ),
-        )
-        + row(median_ms <= VERDICT_MS, &format!("scan in memory to verdict: median {median_ms:.0} ms"))
+    row(
+        wrong == 0,
+        &format!("{wrong} of {accepted} accepted poses are wrong by more than {MAX_CORRECT_ERROR_MM} mm"),
+    ) + row(
+        share(accepted, known) >= MIN_ACCEPTED_FRACTION,
+        &format!("{accepted} of {known} good scans that their own covariance knows to {STATED_MM} mm are accepted"),
+    ) + row(
+        share(accepted, count) >= MIN_ACCEPTED_FRACTION_OF_ALL,
+        &format!("{accepted} of {count} good scans are accepted"),
+    ) + row(
+        share(large_good, large) >= LARGE_SHARE,
+        &format!("{large_good} of {large} large panels within {MEAN_MM} mm on average and {MAX_MM} mm at most"),
+    ) + row(
+        share(stated, others) >= MIN_STATED_FRACTION && too_much == 0,
+        &format!("{stated} of {others} others within what is stated; {too_much} state more than {STATED_MM} mm"),
+    ) + row(median_ms <= VERDICT_MS, &format!("scan in memory to verdict: median {median_ms:.0} ms"))
 }
 
 /// Tests scenes that must not be accepted, one scene of each kind in turn.

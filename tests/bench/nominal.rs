@@ -16,7 +16,7 @@ use panelprep::nominal::{Part, PartRays, PartView};
 use panelprep::panel::TaughtPanel;
 use panelprep::recipe::Recipe;
 use panelprep::sim::{PanelBend, TRIAL_BOX_MM, TrialScene};
-use panelprep::surface::{self, Form, FormErrors, FormCell, TodaysPoint};
+use panelprep::surface::{self, Form, FormCell, FormErrors, TodaysPoint};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use std::ops::RangeInclusive;
@@ -234,7 +234,11 @@ fn report(all: &[Compared]) {
     let (within, of) = (map().filter(|[error, bound]| error.abs() <= *bound).count(), map().count());
     let share = within as f64 / of.max(1) as f64;
     let found = format!("{:.1} % of {of}", 100.0 * share);
-    Figure("nominal: places of the map within the stated 95 %").report("90–99 %", &found, WITHIN_FRACTION_RANGE.contains(&share));
+    Figure("nominal: places of the map within the stated 95 %").report(
+        "90–99 %",
+        &found,
+        WITHIN_FRACTION_RANGE.contains(&share),
+    );
     let above = all.iter().filter(|compared| !compared.is_profile_bounded).count();
     let is_bounded = !all.is_empty() && above as f64 <= MAX_UNBOUNDED_FRACTION * all.len() as f64;
     let found = format!("{above} of {}", all.len());

@@ -105,7 +105,7 @@ const UNITS: [(&str, &str); 24] = [
     ("_m_s", "this speed is in m/s"),
     ("_deg_s", "this angular speed is in degrees/s"),
     ("_rad_s", "this angular speed is in radians/s"),
-    ("_percent", "this share is in percent"),
+    ("_percent", "this fraction is in percent"),
     ("_inch", "this length is in inches"),
     ("_rad", "this angle is in radians"),
     ("_deg", "this angle is in degrees"),

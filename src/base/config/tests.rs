@@ -149,7 +149,10 @@ fn a_missing_key_is_reported_once() {
             "2: region.columns: is missing; this key has no default"
         ]
     );
-    assert_eq!(problems_after_good_lines("[[extra]]\nrows = 1"), ["5: extra[1].columns: is missing; this key has no default"]);
+    assert_eq!(
+        problems_after_good_lines("[[extra]]\nrows = 1"),
+        ["5: extra[1].columns: is missing; this key has no default"]
+    );
 }
 
 /// A misspelt key is not also reported as missing, and the contents of a misspelt table are still checked.

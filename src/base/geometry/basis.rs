@@ -202,7 +202,8 @@ impl KnotVector {
         if top == 1 {
             return self.with_first_derivatives(at);
         }
-        let lowest = (1..top - 1).fold(constant_values(), |lower, degree| self.raise_degree(lower, degree, knot, at));
+        let lowest =
+            (1..top - 1).fold(constant_values(), |lower, degree| self.raise_degree(lower, degree, knot, at));
         let lower = self.raise_degree(lowest, top - 1, knot, at);
         Basis {
             first_control_index: span,

@@ -173,7 +173,9 @@ mod tests {
         let truth = Cell::new(1, Scene::Good, 8).truth();
         let spot = &truth.spots[0];
         let on = [standing(&truth, spot.centre, 0.0)];
-        assert!((TouchedPoints::reached_by_disc(&on, &truth, 200.0).covered_pixel_fraction(spot) - 1.0).abs() < 1e-12);
+        assert!(
+            (TouchedPoints::reached_by_disc(&on, &truth, 200.0).covered_pixel_fraction(spot) - 1.0).abs() < 1e-12
+        );
         let share = TouchedPoints::reached_by_disc(&on, &truth, 8.0).covered_pixel_fraction(spot);
         assert!((share - std::f64::consts::PI * 16.0 / spot.area_mm2).abs() < 0.02, "{share}");
         let above = [standing(&truth, spot.centre, 2.1)];

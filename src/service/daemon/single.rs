@@ -240,9 +240,10 @@ impl<'r> SingleRobot<'r> {
         );
         require_accept(gated.judgement())?;
         for Mounted { name, flange_from_tip } in &self.mounted {
-            routes::check_mounted_object(&standing, line.base.to_rigid(), &gated.points, *flange_from_tip).map_err(
-                |infeasible| gate(Reason { message: format!("with {name}: {}", infeasible.message), ..infeasible }),
-            )?;
+            routes::check_mounted_object(&standing, line.base.to_rigid(), &gated.points, *flange_from_tip)
+                .map_err(|infeasible| {
+                    gate(Reason { message: format!("with {name}: {}", infeasible.message), ..infeasible })
+                })?;
         }
         // The interlocks are those of the motion to the first corner, which apply to all linear motions through the
         // air.

@@ -9,7 +9,7 @@ use super::TrialScene;
 use super::contents::{MissingPatches, PrintedDiscs, SceneContents, sheet_points};
 use crate::appearance::dry_and_wet;
 use crate::cast::{CastView, PixelHit};
-use crate::noise::{STEPS_PER_GRAY_LEVEL, NormalStream, RandomPurpose, ValueNoise, to_bytes};
+use crate::noise::{NormalStream, RandomPurpose, STEPS_PER_GRAY_LEVEL, ValueNoise, to_bytes};
 use crate::scanner::{LATTICE_HALF_WIDTH_MM, Projector, draw_correlated_noise, measure_point};
 use crate::scene;
 use crate::scene::{Background, Slab, SlabHit};
@@ -91,7 +91,7 @@ impl TrialScene {
         match OrganizedCloud::new(width, height, points, colors) {
             Ok(cloud) if scale == 0.0 => cloud,
             Ok(cloud) => cloud.scaled_along_rays(|_| 1.0 + scale),
-            Err(error) => unreachable!("one point and one colour a pixel were made: {error}"),
+            Err(error) => unreachable!("the cloud must have one point and one colour per pixel: {error}"),
         }
     }
 }
@@ -333,7 +333,11 @@ mod tests {
         for (middle, sign) in [(214.9, 1.0), (-214.9, -1.0)] {
             let edge = pixel(0.0, middle, 700.0).v;
             let row = |off: f64| (edge + sign * off).round() as usize;
-            assert!((962..982).all(|u| missing_fraction(&scan, u, row(1.0)..row(1.0) + 1) == 1.0), "row {}", row(1.0));
+            assert!(
+                (962..982).all(|u| missing_fraction(&scan, u, row(1.0)..row(1.0) + 1) == 1.0),
+                "row {}",
+                row(1.0)
+            );
             let lit = (962..982).filter(|&u| scan.point(u, row(-1.0)).is_some()).count();
             assert!(lit > 16, "{lit} of 20 in row {}", row(-1.0));
         }

@@ -97,7 +97,8 @@ impl PrintedDiscs {
     /// covers.
     pub fn blend_paint(color: FixedColor, share: f64) -> FixedColor {
         color.map(|level| {
-            (f64::from(level) + share * (DISC_GRAY * f64::from(STEPS_PER_GRAY_LEVEL) - f64::from(level))).round() as u16
+            (f64::from(level) + share * (DISC_GRAY * f64::from(STEPS_PER_GRAY_LEVEL) - f64::from(level))).round()
+                as u16
         })
     }
 }

@@ -211,7 +211,7 @@ fn combine_nearer(scan: OrganizedCloud<Camera>, other: OrganizedCloud<Camera>) -
     let colors = (0..count).map(|index| of(index).color_at(index)).collect();
     match OrganizedCloud::new(scan.width(), scan.height(), points, colors) {
         Ok(cloud) => cloud,
-        Err(error) => unreachable!("one point and one colour a pixel were made: {error}"),
+        Err(error) => unreachable!("the cloud must have one point and one colour per pixel: {error}"),
     }
 }
 

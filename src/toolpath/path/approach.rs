@@ -134,8 +134,13 @@ impl<'a> CornerTour<'a> {
     ) -> Result<Joints, Reason> {
         let taught = self.corners.get(corner).ok_or_else(no_corner_reason)?;
         let flange_from_tool = self.camera();
-        let not_finite =
-            || Reason::new("out_of_reach", "the axis angles of the park or ready pose are not valid numbers");
+        let not_finite = || {
+            Reason::new(
+                "out_of_reach",
+                "the axis angles of the park or ready pose are not valid numbers; \
+                correct [poses] in the cell's file",
+            )
+        };
         let from = kinematics.base_from_flange(&at).ok_or_else(not_finite)? * flange_from_tool;
         let to = Rigid::from_isometry_unchecked(
             *(panel.base_from_panel * taught.teaching_data.panel_from_camera).isometry(),

@@ -117,8 +117,10 @@ pub fn around_breaks(
     let groups = merge_groups(whole.chain(pieces.iter().map(of_piece)).collect(), |one, other| {
         !one.grids.is_disjoint(&other.grids)
     });
-    let areas =
-        arrange_groups(on, groups).into_iter().flat_map(|area| parts_not_spared(region, area, breaks.spared)).collect();
+    let areas = arrange_groups(on, groups)
+        .into_iter()
+        .flat_map(|area| parts_not_spared(region, area, breaks.spared))
+        .collect();
     let broken = pieces.iter().flatten().map(|pixel| parameter(region, *pixel)).collect();
     Treated::from_areas(region, areas, broken)
 }
@@ -370,7 +372,11 @@ pub(super) fn arrange_boxes(
 }
 
 /// Merges boxes that overlap or are close together if the merged box costs no more than the two boxes.
-fn merge_near_boxes(surface: &BSplineSurface, boxes: Vec<ParameterPatch>, distances: Distances) -> Vec<ParameterPatch> {
+fn merge_near_boxes(
+    surface: &BSplineSurface,
+    boxes: Vec<ParameterPatch>,
+    distances: Distances,
+) -> Vec<ParameterPatch> {
     let cost = |boxes: &[ParameterPatch]| cost_mm2(surface, boxes, distances.reach_mm);
     let is_joined = |one: ParameterPatch, other: ParameterPatch| {
         is_near(surface, one, other, distances) && cost(&[union(one, other)]) <= cost(&[one, other])
@@ -446,9 +452,9 @@ fn cut_one_box(
     [first, second]: [ParameterPatch; 2],
     least_mm: f64,
 ) -> Option<(bool, Vec<ParameterPatch>)> {
-    let ways = [(false, second, first), (true, first, second)]
-        .into_iter()
-        .flat_map(|(is_first, own, other)| [true, false].map(|by_rows| (is_first, parts_beside(own, other, by_rows))));
+    let ways = [(false, second, first), (true, first, second)].into_iter().flat_map(|(is_first, own, other)| {
+        [true, false].map(|by_rows| (is_first, parts_beside(own, other, by_rows)))
+    });
     let least = |parts: &[ParameterPatch]| {
         parts.iter().map(|part| least_side_mm(surface, *part)).fold(f64::INFINITY, f64::min)
     };

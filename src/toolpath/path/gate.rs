@@ -50,7 +50,11 @@ pub fn judge(plan: &Plan, settings: &recipe::Path) -> Judgement {
 pub fn judge_plan(plan: &Plan, settings: &recipe::Path) -> (Vec<Check>, Judgement) {
     let mut of_motion: Vec<Check> = plan.paths.iter().flat_map(|path| broken_steps(path, settings)).collect();
     if of_motion.is_empty() && !plan.is_finite() {
-        let words = || "the length, the time or the reach of the path is not a valid number".to_owned();
+        let words = || {
+            "the length, the time or the reach of the path is not a valid number: report this fault \
+            of the program"
+                .to_owned()
+        };
         of_motion.push(not_finite_check("length, time and reach of the path", words));
     }
     let checks = [of_motion, coverage(plan), breaks(plan), uniformity_checks(plan, settings)].concat();
@@ -109,7 +113,7 @@ pub fn check_pad(settings: &recipe::Path, tool_error_mm: Option<f64>) -> Option<
             )
         }
         None => {
-            "press_in_mm requires the error at the tool: state [limits] tool_error_mm in the cell's file".to_owned()
+            "press_in_mm requires the error at the tool; add [limits] tool_error_mm to the cell's file".to_owned()
         }
     }))
 }
@@ -123,14 +127,24 @@ fn not_finite_check(what: &str, words: impl FnOnce() -> String) -> Check {
 fn broken_steps(path: &ToolPath, settings: &recipe::Path) -> Vec<Check> {
     let name = path.grids.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
     if let Some(index) = path.waypoints.iter().position(|waypoint| !waypoint.is_finite()) {
-        let words = || format!("grid {name}: the pose of waypoint {index} is not a valid number");
+        let words = || {
+            format!(
+                "grid {name}: the pose of waypoint {index} is not a valid number: report this \
+            fault of the program"
+            )
+        };
         return vec![not_finite_check("waypoint", words)];
     }
     let mut broken = Vec::new();
     let in_air = |waypoint: Option<&Waypoint>| waypoint.is_some_and(|waypoint| !waypoint.contact);
     // The tool starts and stops at the ends of the path; on the panel it would sand too deep there.
     if !(in_air(path.waypoints.first()) && in_air(path.waypoints.last())) {
-        let words = || format!("grid {name}: the path does not begin and end above the panel");
+        let words = || {
+            format!(
+                "grid {name}: the path must begin and end above the panel: report this fault of \
+            the program"
+            )
+        };
         let ends = Check::new("ends of the path above the panel", "", None);
         broken.push(ends.with_consequence_if(true, Severity::Reject, "no_air", words));
     }
@@ -188,8 +202,10 @@ fn coverage(plan: &Plan) -> Vec<Check> {
     // The value is that of the worst grid, because in a large region the mean would hide a grid of which a tenth is not
     // covered.
     let of_worst = check(name::COVERAGE.to_owned(), least, &|| worst.map_or(String::new(), words));
-    let short = plan.grids.iter().filter(|grid| grid.covered_fraction().is_nan() || grid.covered_fraction() < MIN_COVERAGE);
-    let short = short.map(|grid| check(format!("{GRID_CHECK_PREFIX}{}", grid.id), grid.covered_fraction(), &|| words(grid)));
+    let short =
+        plan.grids.iter().filter(|grid| grid.covered_fraction().is_nan() || grid.covered_fraction() < MIN_COVERAGE);
+    let short = short
+        .map(|grid| check(format!("{GRID_CHECK_PREFIX}{}", grid.id), grid.covered_fraction(), &|| words(grid)));
     [Check::new("coverage of these grids", "", plan.coverage), of_worst].into_iter().chain(short).collect()
 }
 
@@ -234,7 +250,7 @@ fn uniformity_checks(plan: &Plan, settings: &recipe::Path) -> Vec<Check> {
                 let place = grid.map_or("over the whole treated area".to_owned(), |id| format!("in grid {id}"));
                 let [found, allowed] = distinguishable_texts(ratio, settings.max_dwell_ratio(), 2);
                 format!(
-                    "{place}, the time under the disc differs by a factor of {found} (95 % to 5 % of the treated \
+                    "{place}, the dwell time differs by a factor of {found} (95 % to 5 % quantile of the treated \
                      area; limit {allowed}, max_dwell_ratio); use a smaller step_over_mm, a smaller disc, pattern \
                      = \"raster\" or more grids at a time"
                 )
@@ -245,8 +261,8 @@ fn uniformity_checks(plan: &Plan, settings: &recipe::Path) -> Vec<Check> {
                 let [reach, allowed] = distinguishable_texts(largest_mm, allowed_mm, 1);
                 format!(
                     "the disc reaches {reach} mm beyond the panel's outline (limit {allowed} mm, \
-                     edge_overhang_mm), and exceeds the limit at {} % of the waypoints; move the region inwards or \
-                     use a smaller disc",
+                     edge_overhang_mm) and exceeds this limit at {} % of the waypoints; move the region \
+                     inwards or use a smaller disc",
                     fixed_decimals(100.0 * plan.overhang.share_beyond, 0)
                 )
             }),
@@ -299,8 +315,8 @@ pub fn violated_by_route(route: &Route<'_>, limits: &WaypointLimits) -> Vec<Chec
         vec![Check::new(what, "", None).with_consequence_if(true, Severity::Reject, code, || words)]
     };
     let Some(workspace) = limits.workspace else {
-        let message = "the cell's file does not state box_min_mm and box_max_mm, without which the robot makes no \
-                       linear motions; state both in [limits]";
+        let message = "box_min_mm and box_max_mm are missing in [limits] of the cell's file; without them the \
+            robot makes no linear motions; add both";
         return nothing_moves("the cell's box", "no_box", message.to_owned());
     };
     if route.waypoints.is_empty() {

@@ -48,9 +48,11 @@ impl std::str::FromStr for ProgramName {
     fn from_str(text: &str) -> Result<Self, ProgramNameError> {
         let letters = text.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
         let is_keyword =
-            RESERVED_WORDS.iter().chain(&ADDITIONAL_KEYWORDS).any(|keyword| keyword.eq_ignore_ascii_case(text));
-        let good =
-            letters && !is_keyword && text.len() <= MAX_PROGRAM_NAME_LENGTH && text.starts_with(|c: char| c.is_ascii_alphabetic());
+            RESERVED.iter().chain(&ADDITIONAL_KEYWORDS).any(|keyword| keyword.eq_ignore_ascii_case(text));
+        let good = letters
+            && !is_keyword
+            && text.len() <= MAX_PROGRAM_NAME_LENGTH
+            && text.starts_with(|c: char| c.is_ascii_alphabetic());
         if good { Ok(ProgramName(text.to_owned())) } else { Err(ProgramNameError { found: text.to_owned() }) }
     }
 }
@@ -142,8 +144,11 @@ fn format_frame(pose: &KukaPose) -> String {
 
 fn format_axes(joints: &Joints) -> String {
     let angles = joints.degrees();
-    let words: Vec<String> =
-        angles.iter().enumerate().map(|(axis, angle)| format!("A{} {}", axis + 1, format_number(*angle, 4))).collect();
+    let words: Vec<String> = angles
+        .iter()
+        .enumerate()
+        .map(|(axis, angle)| format!("A{} {}", axis + 1, format_number(*angle, 4)))
+        .collect();
     format!("{{{}}}", words.join(", "))
 }
 

@@ -68,7 +68,7 @@ impl ToolOrientation {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum OrientationError {
     /// The surface has no normal.
-    #[error("the surface has no normal at (u, v) = ({:.4}, {:.4})", at.u, at.v)]
+    #[error("the surface has no normal at (u, v) = ({:.4}, {:.4}); scan the panel again", at.u, at.v)]
     NoNormal {
         /// The parameters of the point.
         at: Parameter,

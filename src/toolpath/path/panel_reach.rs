@@ -88,7 +88,7 @@ fn first_spin_with_room(
     settings: &recipe::Path,
     enough_deg: f64,
 ) -> Result<ReachablePlan, Box<UnreachablePlan>> {
-    assert!(plan.is_finite(), "a number of the path that is to be followed is not finite");
+    assert!(plan.is_finite(), "the path contains a number that is not finite");
     let spins = if settings.round_tool() { &TRIED_SPINS_DEG[..] } else { &TRIED_SPINS_DEG[..1] };
     let (mut best, mut farthest): (Option<ReachablePlan>, Option<(f64, ReachFault)>) = (None, None);
     for spin_deg in spins {
@@ -280,11 +280,9 @@ fn describe_unreachable(unreached: &UnreachablePlan) -> String {
             let sign = if shift.mm[axis] > 0.0 { '+' } else { '−' };
             format!("move the panel {:.0} mm towards {sign}{} of the base", shift.mm.norm(), ["X", "Y", "Z"][axis])
         }
-        None => {
-            "no shift of the panel along one axis of the base makes the path reachable; use another panel position \
-             or another tool"
-                .to_owned()
-        }
+        None => "the path cannot be reached with any shift of the panel along one axis of the base; use another \
+             panel position or another tool"
+            .to_owned(),
     };
     format!("{}; {help}", unreached.fault)
 }

@@ -118,7 +118,7 @@ fn plan_paths(
     }
     let breaks_reached = breaks_reached(surface, treated, &pieces, settings);
     let plan = Plan { breaks_reached, treated: treated.clone(), ..assemble_plan(paths, &pieces, even, settings) };
-    assert!(plan.is_finite(), "a number of the path over {:?} is not finite", treated.grids());
+    assert!(plan.is_finite(), "the path over {:?} contains a number that is not finite", treated.grids());
     Ok(plan)
 }
 

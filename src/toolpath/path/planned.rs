@@ -195,7 +195,7 @@ pub(super) fn extent(paths: &[ToolPath], settings: &recipe::Path) -> PathExtent 
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PlanError {
     /// The list of requested grids is empty.
-    #[error("no grid was requested")]
+    #[error("no grid was requested; name at least one grid")]
     NoGrids,
     /// The region does not have the requested grid.
     #[error("the region has no grid {grid}; its grids are r1c1 to r{rows}c{columns}")]
@@ -208,7 +208,7 @@ pub enum PlanError {
         columns: usize,
     },
     /// A grid was requested twice and would be sanded twice.
-    #[error("grid {grid} was requested twice")]
+    #[error("grid {grid} was requested twice; name each grid once")]
     Repeated {
         /// The grid that was requested twice.
         grid: GridId,

@@ -45,13 +45,15 @@ pub struct Raster {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum RasterError {
     /// The surface is degenerate at this point.
-    #[error("the surface has no area at (u, v) = ({:.4}, {:.4})", at.u, at.v)]
+    #[error("the surface is degenerate at (u, v) = ({:.4}, {:.4}): S_u and S_v are parallel there; scan the \
+        panel again", at.u, at.v)]
     Degenerate {
         /// The parameters of the degenerate point.
         at: Parameter,
     },
     /// The Newton iteration for a point of a row did not converge.
-    #[error("no row can be placed {distance_mm:.3} mm beside (u, v) = ({:.4}, {:.4})", from.u, from.v)]
+    #[error("no row could be computed at a distance of {distance_mm:.3} mm from (u, v) = ({:.4}, {:.4}); scan \
+        the panel again", from.u, from.v)]
     NoRow {
         /// The point of the previous row, or of the border, from which the iteration started.
         from: Parameter,

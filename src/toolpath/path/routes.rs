@@ -135,7 +135,11 @@ pub fn gate_air_motion_at<Active: panelprep_base::geometry::Frame>(
     let points = poses.iter().enumerate().map(|(index, pose)| LinearMotion {
         pose: KukaPose::from_rigid(pose),
         // The last point is not rounded, because a picture is captured or the tool is started there.
-        blend_mm: if index + 1 == steps { 0.0 } else { MAX_AIR_BLEND_MM.min(AIR_BLEND_FRACTION * length_mm / steps as f64) },
+        blend_mm: if index + 1 == steps {
+            0.0
+        } else {
+            MAX_AIR_BLEND_MM.min(AIR_BLEND_FRACTION * length_mm / steps as f64)
+        },
         contact: false,
         speed_m_s: None,
     });
@@ -254,7 +258,8 @@ pub fn gate_view(
     let lift = gate_air_motion(&leaving, Rigid::<Base, Base>::identity(), (from, lifted), None);
     let Some(joints) = lift.joints else { return lift };
     let departing = reach::arm_for_departure(&arm, &standing.joints, standing.flange_from_tool).unwrap_or(arm);
-    let followed = check_mounted_motion(&departing, standing, (Rigid::identity(), &lift.points), standing.flange_from_tool);
+    let followed =
+        check_mounted_motion(&departing, standing, (Rigid::identity(), &lift.points), standing.flange_from_tool);
     if let Err(reason) = followed {
         let check = Check::new("waypoint of the lift that the arm follows", "", None);
         return lift.refused_for(vec![check.with_reason(Some(reason), Severity::Reject)]);
@@ -444,7 +449,9 @@ fn check_mounted_motion(
             blend_mm: point.blend_mm,
         })
         .collect();
-    follow_path(arm, flange_from_mounted, Some(&standing.joints), &legs).map(drop).map_err(|fault| to_reason(&fault))
+    follow_path(arm, flange_from_mounted, Some(&standing.joints), &legs)
+        .map(drop)
+        .map_err(|fault| to_reason(&fault))
 }
 
 /// Converts a fault to a reason. The fault's index counts waypoints from 0, the message counts them from 1.

@@ -230,8 +230,8 @@ fn estimate_exposure_exponent(rows: &DMatrix<f64>, (exposure, depth): (&[f64], &
 pub enum FitError {
     /// Too few points were measured.
     #[error(
-        "{found} places were measured, at least {MIN_COUPONS} are needed to determine k, the wear and their \
-         uncertainties"
+        "only {found} points were measured, but at least {MIN_COUPONS} are needed to determine k, the wear and \
+         their uncertainties; measure more coupons"
     )]
     TooFew {
         /// Number of measured points.
@@ -261,8 +261,8 @@ pub enum FitError {
     },
     /// The coupons contradict each other.
     #[error(
-        "the coupons contradict each other: depths differ from the best model by {percent:.0} % rms; the largest \
-         deviation is that of {name} (line {line})"
+        "the coupons contradict each other: the depths differ from the best model by {percent:.0} % rms; check \
+         the coupon with the largest deviation, {name} (line {line})"
     )]
     Contradictory {
         /// Rms of the deviations from the best model, percent.

@@ -55,7 +55,11 @@ pub fn checks(found: &CouponFit, coupons: &[Coupon]) -> Vec<Check> {
             "not_preston",
             found.power,
         ),
-        check_optional_exponent(("power by which the depth goes with the force", "the force"), "force_power", found.powers.force),
+        check_optional_exponent(
+            ("power by which the depth goes with the force", "the force"),
+            "force_power",
+            found.powers.force,
+        ),
         check_optional_exponent(
             ("power by which the depth goes with the passes", "the passes"),
             "passes_power",
@@ -84,9 +88,15 @@ fn bounded_check(
 }
 
 fn check_coupon_count(count: usize) -> Check {
-    Check::new("measured places", "", count as f64)
-        .with_min(MIN_MEASURED_PLACES, LimitSource::Program)
-        .or_review("few_coupons", || format!("{count} places were measured; measure {MIN_MEASURED_PLACES} or more"))
+    Check::new("measured places", "", count as f64).with_min(MIN_MEASURED_PLACES, LimitSource::Program).or_review(
+        "few_coupons",
+        || {
+            format!(
+                "only {count} points were measured; measure {MIN_MEASURED_PLACES} \
+            or more"
+            )
+        },
+    )
 }
 
 fn check_outliers(found: &CouponFit, coupons: &[Coupon]) -> Check {
@@ -151,8 +161,8 @@ fn check_exponent((name, what): (&'static str, &str), code: &'static str, found:
         code,
         || {
             format!(
-                "the depth grows with the power {} ± {} of {what} (1 by Preston's law); use the model only near \
-                 the loads of the coupons",
+                "the depth is proportional to {what} to the power of {} ± {} (1 by Preston's law); use the model \
+                 only near the loads of the coupons",
                 fixed_decimals(found.value, 2),
                 fixed_decimals(found.uncertainty, 2)
             )

@@ -208,8 +208,8 @@ impl DiscStroke {
     /// tangent plane, and describes a circle of the orbit's radius, mm.
     pub fn new(contact: Contact, ends_mm: [Vector2<f64>; 2], (orbit_radius_mm, number): (f64, usize)) -> Self {
         let orbit_mm = std::array::from_fn(|phase| {
-            let turn =
-                phase as f64 / ORBIT_POSITIONS as f64 + (number as f64 * GOLDEN_ANGLE_FRACTION).fract() / ORBIT_POSITIONS as f64;
+            let turn = phase as f64 / ORBIT_POSITIONS as f64
+                + (number as f64 * GOLDEN_ANGLE_FRACTION).fract() / ORBIT_POSITIONS as f64;
             Vector2::new((TAU * turn).cos(), (TAU * turn).sin()) * orbit_radius_mm
         });
         let way = ends_mm[0] - ends_mm[1];

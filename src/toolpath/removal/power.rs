@@ -289,7 +289,11 @@ mod tests {
         let mean_variance = line.inverse[(0, 0)] * line.deviation.powi(2);
         assert!((mean_variance / (0.01 / 3.0) - 1.0).abs() < 0.1, "{mean_variance}");
         // Three discs that differ have two degrees of freedom.
-        assert!((scatter.effective_degrees_of_freedom(1) - 2.0).abs() < 0.1, "{}", scatter.effective_degrees_of_freedom(1));
+        assert!(
+            (scatter.effective_degrees_of_freedom(1) - 2.0).abs() < 0.1,
+            "{}",
+            scatter.effective_degrees_of_freedom(1)
+        );
     }
 
     #[test]

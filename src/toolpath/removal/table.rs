@@ -118,7 +118,7 @@ impl Row<'_> {
 
     fn number(&self, (name, allowed, needed): &Column) -> Result<Option<f64>, TableProblem> {
         let Some(text) = self.text(name) else {
-            return if *needed { Err(problem(self.line, name, "a number is missing")) } else { Ok(None) };
+            return if *needed { Err(problem(self.line, name, "the number is missing")) } else { Ok(None) };
         };
         let number = text.parse::<f64>().ok().filter(|number| allowed.contains(number));
         let [low, high] = [allowed.start(), allowed.end()].map(|end| shortest_text(*end));
@@ -147,11 +147,11 @@ fn coupon(row: &Row<'_>) -> Result<Coupon, Vec<TableProblem>> {
         })
         .collect();
     if row.text(COUPON).is_none() {
-        problems.push(problem(row.line, COUPON, "a name is missing"));
+        problems.push(problem(row.line, COUPON, "the name is missing"));
     }
     // If only some lines name their disc, the scatter between discs would be wrong.
     if row.header.iter().any(|name| name == DISC) && row.text(DISC).is_none() {
-        problems.push(problem(row.line, DISC, "a name is missing"));
+        problems.push(problem(row.line, DISC, "the name is missing"));
     }
     let is_whole = numbers[2].is_none_or(|passes| passes.fract() == 0.0);
     if !is_whole {
@@ -194,7 +194,9 @@ fn depth_um(row: &Row<'_>, numbers: &[Option<f64>]) -> Result<f64, Vec<TableProb
         [Some(_), ..] => {
             Err(vec![problem(row.line, "depth_um", "state either a depth, or before_um and after_um, not both")])
         }
-        _ => Err(vec![problem(row.line, "depth_um", "a number is missing; before_um and after_um can replace it")]),
+        _ => {
+            Err(vec![problem(row.line, "depth_um", "the number is missing; before_um and after_um can replace it")])
+        }
     }
 }
 
@@ -226,7 +228,7 @@ mod tests {
         assert_eq!(read_coupons(short.as_bytes()).expect("read")[0].disc, None);
         let discs = "worn_mm2,coupon,disc,passes,force_n,feed_mm_s,depth_um\n0,A1,D7,1,20,60,15\n";
         assert_eq!(read_coupons(discs.as_bytes()).expect("read")[0].disc.as_deref(), Some("D7"));
-        assert_eq!(problems(&discs.replace("D7", "")), ["line 2, disc: a name is missing"]);
+        assert_eq!(problems(&discs.replace("D7", "")), ["line 2, disc: the name is missing"]);
     }
 
     #[test]
@@ -246,15 +248,15 @@ mod tests {
             line("A1,,20,60,1,,0,3,80,81"),
             ["line 2, depth_um: state either a depth, or before_um and after_um, not both"]
         );
-        assert_eq!(line("A1,,20,,1,,NaN,3,,")[0], "line 2, feed_mm_s: a number is missing");
-        assert_eq!(line(",,20,60,1,,0,3,,"), ["line 2, coupon: a name is missing"]);
+        assert_eq!(line("A1,,20,,1,,NaN,3,,")[0], "line 2, feed_mm_s: the number is missing");
+        assert_eq!(line(",,20,60,1,,0,3,,"), ["line 2, coupon: the name is missing"]);
         assert_eq!(
             line("A1,20"),
             ["line 2, the line: 2 values, but 10 are needed, one for each column of the header"]
         );
         assert_eq!(
             line("A1,,20,60,1,,0,,80,"),
-            ["line 2, depth_um: a number is missing; before_um and after_um can replace it"]
+            ["line 2, depth_um: the number is missing; before_um and after_um can replace it"]
         );
     }
 

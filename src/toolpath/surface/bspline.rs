@@ -75,7 +75,10 @@ pub enum SurfaceError {
         needed: usize,
     },
     /// The direction of the normal cannot be determined from the camera's position.
-    #[error("the surface has no normal in its middle, or the camera's view is parallel to it")]
+    #[error(
+        "the direction of the surface's normal cannot be determined: the camera's view is parallel to the \
+        surface, or the surface is degenerate; scan the panel again"
+    )]
     NoSide,
 }
 

@@ -134,7 +134,11 @@ impl SurfaceEquations {
 
 impl Block {
     fn zero() -> Self {
-        Block { pairs: [[0.0; FUNCTION_PAIRS]; FUNCTION_PAIRS], rhs: [Vector3::zeros(); CONTROLS_PER_SPAN_PAIR], square: 0.0 }
+        Block {
+            pairs: [[0.0; FUNCTION_PAIRS]; FUNCTION_PAIRS],
+            rhs: [Vector3::zeros(); CONTROLS_PER_SPAN_PAIR],
+            square: 0.0,
+        }
     }
 
     fn add(&mut self, run: &[Sample], weights: &[f64], [on_u, on_v]: [&SpanFunctions; 2], centre: Vector3<f64>) {

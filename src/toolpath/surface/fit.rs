@@ -150,8 +150,9 @@ impl FitInputs<'_> {
         let all = || self.samples.bands.iter().map(|band| band.iter().map(|_| 1.0).collect());
         let centre = self.samples.bands.iter().flatten().next().map_or(Vector3::zeros(), |sample| sample.mm);
         let equations = |weights: &[Vec<f64>]| SurfaceEquations::from_samples(self.samples, weights, centre);
-        let plain =
-            equations(&all().collect::<Vec<_>>()).solve_with_least_smoothing().map_err(|row| self.undetermined_error(row))?;
+        let plain = equations(&all().collect::<Vec<_>>())
+            .solve_with_least_smoothing()
+            .map_err(|row| self.undetermined_error(row))?;
         let mut residuals = self.residuals(&self.surface(plain.controls)?)?;
         let mut scale = scale_mm(&residuals);
         let mut round = 0;

@@ -380,11 +380,15 @@ mod tests {
         let of = |errors: &FormErrors| Form::compute((&fit, 0), &todays, errors).expect("a form");
         let unknown_scan = of(&FormErrors { scan_mm: f64::NAN, ..errors() });
         let flat = unknown_scan.flatness.expect("a plane");
-        assert!(!unknown_scan.profile.is_within_with_uncertainty(9.0) && !flat.zone.is_within_with_uncertainty(9.0));
+        assert!(
+            !unknown_scan.profile.is_within_with_uncertainty(9.0) && !flat.zone.is_within_with_uncertainty(9.0)
+        );
         let mut pose = errors().pose;
         pose.covariance[(5, 5)] = f64::NAN;
         let unknown_pose = of(&FormErrors { pose, ..errors() });
-        assert!(!unknown_pose.profile.is_within_with_uncertainty(9.0) && unknown_pose.largest_uncertainty_mm().is_nan());
+        assert!(
+            !unknown_pose.profile.is_within_with_uncertainty(9.0) && unknown_pose.largest_uncertainty_mm().is_nan()
+        );
         let known = Measured { value_mm: 0.1, uncertainty_mm: 0.1 };
         let unknown = Measured { uncertainty_mm: f64::NAN, ..known };
         for places in [[known, unknown], [unknown, known]] {

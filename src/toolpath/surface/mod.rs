@@ -22,7 +22,7 @@ mod today;
 pub use bspline::{BSplineSurface, Derivatives, Parameter, PointTangents, SurfaceError};
 pub use dwell::{AreaWeighted, DwellSpread};
 pub use fit::{Deviation, Fit, Refusal, examine_fit, fit};
-pub use form::{Flatness, Form, FormErrors, FormCell, Measured, TodaysScan};
+pub use form::{Flatness, Form, FormCell, FormErrors, Measured, TodaysScan};
 pub use map::{DeviationMap, Field, GridField, HoleMap, MapPixel};
 pub use panelprep_base::geometry::basis::{Basis, KnotError, KnotVector, MAX_DEGREE, SpanFunctions, SpanValues};
 pub use patch::{ParameterPatch, SampleGrid, Treated, sides_mm};

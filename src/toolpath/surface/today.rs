@@ -89,7 +89,7 @@ pub enum TodayError {
     #[error("the scan in which the panel was located does not determine the region's surface; scan again")]
     Undetermined,
     /// The corrected control points do not form a surface.
-    #[error("the surface corrected by today's scan is not valid: {0}")]
+    #[error("the surface corrected with today's scan is not valid: {0}; scan the panel again")]
     Surface(#[from] SurfaceError),
 }
 

@@ -411,7 +411,13 @@ pub(super) fn observe_point(motion: &RigidF32, model: &Model, grid: &Grid, sampl
 }
 
 /// Returns the fraction of a piece's points that the taught panel covers at a pose.
-pub(super) fn covered_pixel_fraction(motion: &RigidF32, model: &Model, grid: &Grid, piece: &Piece, wanted: usize) -> f64 {
+pub(super) fn covered_pixel_fraction(
+    motion: &RigidF32,
+    model: &Model,
+    grid: &Grid,
+    piece: &Piece,
+    wanted: usize,
+) -> f64 {
     let back = motion.inverse();
     let taught = RigidF32::from_rigid(&model.camera_from_panel);
     let (mut asked, mut held) = (0usize, 0usize);

@@ -102,7 +102,8 @@ fn mounts<A: Side>(error_mm: f64) -> usize {
         let held = known.iter().filter(|(mm, stated_mm, _)| mm <= stated_mm).count() as f64 / known.len() as f64;
         let median = |of: fn(&(f64, f64, f64)) -> f64| share(&mut known.iter().map(of).collect::<Vec<_>>(), 0.5);
         let (mm, stated_mm, each) = (median(|one| one.0), median(|one| one.1), median(|one| one.2));
-        let good = STATED_FRACTION_RANGE.contains(&held) && stated_mm <= MAX_STATED * mm && known.len() as u64 == SEEDS;
+        let good =
+            STATED_FRACTION_RANGE.contains(&held) && stated_mm <= MAX_STATED * mm && known.len() as u64 == SEEDS;
         let numbers = format!(
             "the error is within the stated 95 % bound in {:.1} % of {} seeds ({:.0} to {:.0} %); median error {mm:.3} mm, stated {stated_mm:.3} mm, {each:.1} poses \
              count as one",

@@ -160,5 +160,9 @@ fn stated(words: &str, trials: impl Iterator<Item = Scanned>, range: RangeErrors
         quantile(&mut ratios, 0.95),
         quantile(&mut largest, 1.0)
     );
-    Stated { missed: row(wrong == 0 && STATED_FRACTION_RANGE.contains(&share(kept, accepted)), &summary), kept, accepted }
+    Stated {
+        missed: row(wrong == 0 && STATED_FRACTION_RANGE.contains(&share(kept, accepted)), &summary),
+        kept,
+        accepted,
+    }
 }

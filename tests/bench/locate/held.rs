@@ -40,7 +40,12 @@ struct Kind {
 const TABLE_KIND: &str = "flat, marks, held, points missing, outline drawn";
 
 const KINDS: [Kind; 10] = [
-    Kind { words: "flat", trial: TrialScene::flat_scene, said: PriorKnowledge::Nothing, floor: MIN_ACCEPTED_FRACTION },
+    Kind {
+        words: "flat",
+        trial: TrialScene::flat_scene,
+        said: PriorKnowledge::Nothing,
+        floor: MIN_ACCEPTED_FRACTION,
+    },
     Kind {
         words: "flat, outline drawn",
         trial: TrialScene::flat_scene,
@@ -91,7 +96,9 @@ const KINDS: [Kind; 10] = [
     },
     Kind {
         words: TABLE_KIND,
-        trial: |s, r| TrialScene::flat_scene(s, r).with_marks().with_holder().with_missing_patches(MISSING_FRACTION),
+        trial: |s, r| {
+            TrialScene::flat_scene(s, r).with_marks().with_holder().with_missing_patches(MISSING_FRACTION)
+        },
         said: PriorKnowledge::Both,
         floor: MIN_ACCEPTED_FRACTION,
     },

@@ -78,7 +78,11 @@ fn taught(words: &str, trial: fn(u64, usize) -> TrialScene, missing: f64, seeds:
         "{words}, {:.0} % without points, outline drawn: {done} of {count} are taught, edges of grids at most {off_mm:.2} mm off",
         100.0 * missing
     );
-    Taught { missed: row(share(done, count) >= MIN_TAUGHT_FRACTION && off_mm <= MAX_EDGE_ERROR_MM, &summary), done, off_mm }
+    Taught {
+        missed: row(share(done, count) >= MIN_TAUGHT_FRACTION && off_mm <= MAX_EDGE_ERROR_MM, &summary),
+        done,
+        off_mm,
+    }
 }
 
 fn learnt(trial: &TrialScene) -> Result<TaughtPanel, LearnError> {

@@ -155,7 +155,8 @@ struct StationaryDisc {
 
 impl StationaryDisc {
     fn at(case: &Case, _x: f64) -> Self {
-        let mut disc = StationaryDisc { bends: case.bends, tilt_x: case.lean_deg.to_radians().tan(), depth_mm: 0.0 };
+        let mut disc =
+            StationaryDisc { bends: case.bends, tilt_x: case.lean_deg.to_radians().tan(), depth_mm: 0.0 };
         let count = (PAD.radius_mm / NET_MM).ceil() as i32;
         let net = (-count..count).flat_map(|i| (-count..count).map(move |j| [i, j]));
         let places: Vec<f64> = net

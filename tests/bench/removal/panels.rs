@@ -115,7 +115,11 @@ pub fn measure() -> usize {
     Figure("removal: treated area within ±10 %").report(&goal, &format!("{:.1} %", 100.0 * area), area >= SHARE);
     most(Figure("removal: panels deeper than 45 µm"), beyond as f64, 0.0, "");
     let found = format!("{:.1} %", 100.0 * stated);
-    Figure("removal: stated 95 % held").report("90–99 %", &found, (STATED_FRACTION_RANGE[0]..=STATED_FRACTION_RANGE[1]).contains(&stated));
+    Figure("removal: stated 95 % held").report(
+        "90–99 %",
+        &found,
+        (STATED_FRACTION_RANGE[0]..=STATED_FRACTION_RANGE[1]).contains(&stated),
+    );
     let mut missed =
         reached("scheduled, of the treated area within ±10 % of the target, mean", mean(&scheduled), SHARE, "");
     missed += held("panels with a place deeper than max_um", beyond as f64, 0.0, "");

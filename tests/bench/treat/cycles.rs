@@ -102,7 +102,8 @@ impl Compared {
         let is_never_more = Figure("treat: largest area and time of a cycle, around breaks").report(
             "1",
             &format!("{:.2} and {:.2}", largest[0], largest[1]),
-            largest[0] <= MAX_COST_RATIO + MAX_SAMPLING_DIFFERENCE && largest[1] <= MAX_COST_RATIO + MAX_CLOCK_DIFFERENCE,
+            largest[0] <= MAX_COST_RATIO + MAX_SAMPLING_DIFFERENCE
+                && largest[1] <= MAX_COST_RATIO + MAX_CLOCK_DIFFERENCE,
         );
         is_less && is_faster && is_never_more
     }

@@ -349,7 +349,8 @@ const NAMES_SINCE_CHECKS: [&str; 12] = [
 fn convert_to_recorded_form(recorded: &Value, mut now: Value) -> Value {
     let empty = Vec::new();
     let kept = recorded["numbers"].as_array().unwrap_or(&empty);
-    let is_of_today = kept.iter().any(|number| CHECK_FIELDS_ADDED_LATER.iter().any(|key| number.get(key).is_some()));
+    let is_of_today =
+        kept.iter().any(|number| CHECK_FIELDS_ADDED_LATER.iter().any(|key| number.get(key).is_some()));
     let Some(found) = now["numbers"].as_array_mut().filter(|_| !is_of_today) else { return now };
     for number in found.iter_mut().filter_map(Value::as_object_mut) {
         for key in CHECK_FIELDS_ADDED_LATER {

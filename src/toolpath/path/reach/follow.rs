@@ -13,8 +13,8 @@
 //! rotation.
 
 use super::infeasible::{
-    CheckedPose, Infeasibility, PathLine, ReachFault, smallest_axis_violation, check_clearance, check_keep_out,
-    first_exceeded_axis, interpolate_pose, limit_room_deg, check_axis_speeds,
+    CheckedPose, Infeasibility, PathLine, ReachFault, check_axis_speeds, check_clearance, check_keep_out,
+    first_exceeded_axis, interpolate_pose, limit_room_deg, smallest_axis_violation,
 };
 use crate::path::kinematics::{JointAngles, Kinematics, nearest_solution};
 use nalgebra::Vector3;
@@ -117,7 +117,9 @@ pub fn helpful_shift(
             .collect();
         follow_path(arm, flange_from_tool, None, &moved).is_ok()
     };
-    TRIED_SHIFTS_MM.iter().find_map(|mm| directions.map(|d| Vector::new(d * *mm)).into_iter().find(|step| follows(*step)))
+    TRIED_SHIFTS_MM
+        .iter()
+        .find_map(|mm| directions.map(|d| Vector::new(d * *mm)).into_iter().find(|step| follows(*step)))
 }
 
 fn checked_poses(
@@ -204,7 +206,11 @@ fn widest_axis(turned: &JointAngles) -> usize {
 }
 
 /// Returns the axis solution of a pose that is nearest to the current axis angles, including rotations by 360°.
-fn nearest_axis_solution(arm: &Kinematics, look: &CheckedPose, at: &JointAngles) -> Result<JointAngles, Infeasibility> {
+fn nearest_axis_solution(
+    arm: &Kinematics,
+    look: &CheckedPose,
+    at: &JointAngles,
+) -> Result<JointAngles, Infeasibility> {
     nearest_solution(&look.solutions, at).ok_or_else(|| reach_infeasibility(arm, look))
 }
 
@@ -309,7 +315,10 @@ mod tests {
     /// The retraction is the same as in the controller's program.
     #[test]
     fn the_retract_equals_that_of_the_controller_program() {
-        assert_eq!((RETRACT_MM, RETRACT_MM_S), (shipped_constant("CELL_RETRACT_MM"), 1e3 * shipped_constant("CELL_RETRACT_VEL")));
+        assert_eq!(
+            (RETRACT_MM, RETRACT_MM_S),
+            (shipped_constant("CELL_RETRACT_MM"), 1e3 * shipped_constant("CELL_RETRACT_VEL"))
+        );
     }
 
     /// A case that a random test of the controller's programs found: the tool points down, and axis 5 is so near to its

@@ -76,7 +76,8 @@ pub enum Infeasibility {
     },
     /// The configuration of the arm would change.
     #[error(
-        "axis {axis} would jump by {turn_deg:.0}°: the next pose is only reachable in another arm configuration"
+        "axis {axis} would jump by {turn_deg:.0}°: the next pose can be reached only in another arm \
+         configuration"
     )]
     Flip {
         /// Number of the axis, 1 to 6.
@@ -86,7 +87,7 @@ pub enum Infeasibility {
     },
     /// The required speed of an axis is too high.
     #[error(
-        "axis {axis} would turn at {} °/s (limit {} °/s); lower feed_mm_s", distinguishable_texts(*needed_deg_s, *allowed_deg_s, 0)[0],
+        "axis {axis} would rotate at {} °/s (limit {} °/s); lower feed_mm_s", distinguishable_texts(*needed_deg_s, *allowed_deg_s, 0)[0],
         distinguishable_texts(*needed_deg_s, *allowed_deg_s, 0)[1]
     )]
     AxisSpeed {
@@ -322,7 +323,8 @@ pub(super) fn check_clearance(arm: &Kinematics, tip: Point<Base>, at: &JointAngl
     for (index, (part, from, to, needed_mm)) in parts(arm, tip, at).into_iter().enumerate() {
         for (number, obstacle) in obstacles.obstacles().iter().enumerate() {
             let needed_mm = arm.least_mm(number).map_or(needed_mm, |least_mm| least_mm[index]);
-            let nearer_mm = obstacle.smallest_distance_mm(needed_mm, |point| distance_to_segment_mm(point, from, to));
+            let nearer_mm =
+                obstacle.smallest_distance_mm(needed_mm, |point| distance_to_segment_mm(point, from, to));
             if let Some(distance_mm) = nearer_mm {
                 let name = obstacle.name.to_owned();
                 return Err(Infeasibility::KeepOut { part, name, distance_mm, needed_mm });
@@ -339,16 +341,22 @@ pub fn is_clear(arm: &Kinematics, flange_from_tool: Rigid<Flange, Tool>, at: &Jo
 }
 
 /// Returns the arm with the required distances for a motion that begins with these axis angles, at the end of a checked
-/// path near an obstacle. The tool must keep half of its distance at the start, but at most [`MAX_DEPARTURE_DISTANCE_MM`] and at
-/// least [`MIN_DEPARTURE_DISTANCE_MM`]. The body must keep its distance at the start, or the configured distance if that is smaller,
-/// minus [`MAX_BODY_APPROACH_MM`]. `None` if the angles are not finite.
-pub fn arm_for_departure(arm: &Kinematics, from: &Joints, flange_from_tool: Rigid<Flange, Tool>) -> Option<Kinematics> {
+/// path near an obstacle. The tool must keep half of its distance at the start, but at most
+/// [`MAX_DEPARTURE_DISTANCE_MM`] and at least [`MIN_DEPARTURE_DISTANCE_MM`]. The body must keep its distance at the
+/// start, or the configured distance if that is smaller, minus [`MAX_BODY_APPROACH_MM`]. `None` if the angles are not
+/// finite.
+pub fn arm_for_departure(
+    arm: &Kinematics,
+    from: &Joints,
+    flange_from_tool: Rigid<Flange, Tool>,
+) -> Option<Kinematics> {
     let tip = (arm.base_from_flange(from)? * flange_from_tool).origin();
     let Some(obstacles) = arm.obstacles() else { return Some(arm.clone()) };
     let parts = parts(arm, tip, &from.degrees());
     let of_obstacle = |obstacle: &Obstacle| {
         parts.map(|(part, from, to, needed_mm)| {
-            let nearer_mm = obstacle.smallest_distance_mm(needed_mm, |point| distance_to_segment_mm(point, from, to));
+            let nearer_mm =
+                obstacle.smallest_distance_mm(needed_mm, |point| distance_to_segment_mm(point, from, to));
             let start_mm = nearer_mm.unwrap_or(needed_mm);
             match part {
                 TOOL => (0.5 * start_mm).clamp(MIN_DEPARTURE_DISTANCE_MM, MAX_DEPARTURE_DISTANCE_MM).min(needed_mm),
@@ -381,8 +389,9 @@ mod tests {
     /// 0) is 50 mm from the segment's start.
     #[test]
     fn distances_from_a_line() {
-        let line =
-            |x: f64| distance_to_segment_mm(Point::at(x, 40.0, 0.0), Point::at(0.0, 0.0, 0.0), Point::at(100.0, 0.0, 0.0));
+        let line = |x: f64| {
+            distance_to_segment_mm(Point::at(x, 40.0, 0.0), Point::at(0.0, 0.0, 0.0), Point::at(100.0, 0.0, 0.0))
+        };
         assert!((line(30.0) - 40.0).abs() < 1e-12 && (line(-30.0) - 50.0).abs() < 1e-12);
     }
 

@@ -14,13 +14,15 @@ mod infeasible;
 
 pub use super::obstacles::Obstacles;
 pub use follow::{ArmTravel, check_retracts, follow_path, helpful_shift, joint_motion, postures, retract};
-pub use infeasible::{Infeasibility, PathLine, ReachFault, Singularity, arm_for_departure, interpolate_pose, is_clear};
+pub use infeasible::{
+    Infeasibility, PathLine, ReachFault, Singularity, arm_for_departure, interpolate_pose, is_clear,
+};
 
 #[cfg(test)]
 mod tests {
     //! Tests of paths that are rejected, at poses calculated by hand.
 
-    use super::infeasible::{CheckedPose, check_keep_out, first_exceeded_axis, check_axis_speeds};
+    use super::infeasible::{CheckedPose, check_axis_speeds, check_keep_out, first_exceeded_axis};
     use super::*;
     use crate::path::kinematics::{JointAngles, Kinematics};
     use panelprep_base::geometry::{Flange, Joints, KukaPose, Point, Rigid, Tool};

@@ -135,7 +135,8 @@ fn every_pattern_covers_the_smallest_areas() {
 }
 
 /// Expected values, calculated by hand: a disc of 5 mm radius that moves along the middle of an area of 20 × 10 mm
-/// covers the area completely. Of the whole grid of 50 × 50 mm it covers 278.5 of 2500 mm², see `dwell_time_agrees_with_hand_calculation`.
+/// covers the area completely. Of the whole grid of 50 × 50 mm it covers 278.5 of 2500 mm², see
+/// `dwell_time_agrees_with_hand_calculation`.
 #[test]
 fn the_executed_path_is_compared_with_the_area() {
     let (surface, region) = (rectangle(50.0, 50.0), one_grid());

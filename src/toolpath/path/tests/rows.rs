@@ -290,7 +290,9 @@ fn dwell_time_agrees_with_hand_calculation() {
     assert!((sample(&once, 25, 25).0 - 1.0).abs() < 0.11 && (sample(&once, 25, 28).0 - 0.7).abs() < 0.11);
     assert_eq!((sample(&once, 25, 25).1, sample(&once, 25, 31)), (1, (0.0, 0)));
     // A straight track covers a stadium of 20 · 10 + 25π = 278.5 of 2500 mm².
-    assert!((once.covered_fraction() - 0.1114).abs() < 0.003 && (once.grids[0].untreated_mm2() - 2_221.5).abs() < 8.0);
+    assert!(
+        (once.covered_fraction() - 0.1114).abs() < 0.003 && (once.grids[0].untreated_mm2() - 2_221.5).abs() < 8.0
+    );
     let back = dwell::ExecutedPose { contact: false, ..at(60.0) };
     let twice = dwell::simulate(&surface, &region, &grids, &[at(15.0), at(35.0), back, at(35.0), at(15.0)], 5.0);
     assert_eq!(sample(&twice, 25, 25).1, 2);
@@ -311,7 +313,12 @@ fn a_disc_larger_than_the_grid_covers_it() {
             let plan = plan(&surface, &region, &grids, &[], &settings).expect("a plan");
             let dwell = dwell::simulate(&surface, &region, &grids, &dwell::timed_poses(&plan), 30.0);
             let name = format!("{pattern}, {side_mm} mm");
-            assert!(plan.coverage == 1.0 && dwell.covered_fraction() == 1.0, "{name}: {} {}", plan.coverage, dwell.covered_fraction());
+            assert!(
+                plan.coverage == 1.0 && dwell.covered_fraction() == 1.0,
+                "{name}: {} {}",
+                plan.coverage,
+                dwell.covered_fraction()
+            );
             assert_eq!(format!("{:.2}", dwell.grids[0].untreated_mm2()), "0.00", "{name}");
             let spread = plan.dwell.expect("treated");
             assert!(spread.low_s > 0.1 && plan.contact_mm >= 15.0 - 1e-9, "{name}: {spread:?} {}", plan.contact_mm);

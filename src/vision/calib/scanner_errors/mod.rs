@@ -186,15 +186,20 @@ pub fn checks(found: &ScannerErrors) -> Vec<Check> {
         if is_bad { smooth.or_reject("scanner_smooth", words) } else { smooth.or_review("scanner_smooth", words) };
     vec![
         smooth,
-        Check::new("share of the picture in which two scans have the board", "%", 100.0 * found.covered_pixel_fraction)
-            .with_min(100.0 * MIN_COVERED_SHARE, LimitSource::Program)
-            .or_review("scanner_covered", || {
-                let [is, least] = distinguishable_texts(100.0 * found.covered_pixel_fraction, 100.0 * MIN_COVERED_SHARE, 0);
-                format!(
-                    "the board covers {is} % of the picture, at least {least} % are needed; hold the board in the \
+        Check::new(
+            "share of the picture in which two scans have the board",
+            "%",
+            100.0 * found.covered_pixel_fraction,
+        )
+        .with_min(100.0 * MIN_COVERED_SHARE, LimitSource::Program)
+        .or_review("scanner_covered", || {
+            let [is, least] =
+                distinguishable_texts(100.0 * found.covered_pixel_fraction, 100.0 * MIN_COVERED_SHARE, 0);
+            format!(
+                "the board covers {is} % of the picture, at least {least} % are needed; hold the board in the \
                      corners of the picture, too"
-                )
-            }),
+            )
+        }),
         Check::new("farthest over nearest place of the board", "", found.depths_mm[1] / found.depths_mm[0])
             .with_min(MIN_DEPTH_RATIO, LimitSource::Program)
             .or_review("scanner_depths", || {
