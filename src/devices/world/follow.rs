@@ -304,7 +304,7 @@ mod tests {
                 ..state_message(time_ms, TOOL, along(height_mm))
             };
             [0, 100, 200].into_iter().for_each(|time_ms| follower.process_state(&state(time_ms)));
-            TouchedPoints::reached_by_disc(&follower.trace(9_999), &truth, 200.0).covered_pixel_fraction(spot)
+            TouchedPoints::reached_by_disc(&follower.trace(9_999), &truth, 200.0).covered_share(spot)
         };
         assert!((share(0.0) - 1.0).abs() < 1e-12);
         assert_eq!(share(3.0), 0.0);

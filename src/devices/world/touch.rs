@@ -48,7 +48,7 @@ impl TouchedPoints {
     }
 
     /// Returns the covered fraction of a spot's area, 0…1.
-    pub fn covered_pixel_fraction(&self, spot: &TrueSpot) -> f64 {
+    pub fn covered_share(&self, spot: &TrueSpot) -> f64 {
         const RINGS: usize = 8;
         let reach_mm = spot.outline.iter().map(|point| point.distance_mm(spot.centre)).fold(0.0, f64::max);
         let near = |centre: &&Point<Panel>| centre.distance_mm(spot.centre) <= reach_mm + self.radius_mm;
@@ -173,14 +173,12 @@ mod tests {
         let truth = Cell::new(1, Scene::Good, 8).truth();
         let spot = &truth.spots[0];
         let on = [standing(&truth, spot.centre, 0.0)];
-        assert!(
-            (TouchedPoints::reached_by_disc(&on, &truth, 200.0).covered_pixel_fraction(spot) - 1.0).abs() < 1e-12
-        );
-        let share = TouchedPoints::reached_by_disc(&on, &truth, 8.0).covered_pixel_fraction(spot);
+        assert!((TouchedPoints::reached_by_disc(&on, &truth, 200.0).covered_share(spot) - 1.0).abs() < 1e-12);
+        let share = TouchedPoints::reached_by_disc(&on, &truth, 8.0).covered_share(spot);
         assert!((share - std::f64::consts::PI * 16.0 / spot.area_mm2).abs() < 0.02, "{share}");
         let above = [standing(&truth, spot.centre, 2.1)];
         assert_eq!(
-            TouchedPoints::reached_by_disc(&above, &truth, 200.0).covered_pixel_fraction(spot),
+            TouchedPoints::reached_by_disc(&above, &truth, 200.0).covered_share(spot),
             0.0,
             "the pad does not reach"
         );

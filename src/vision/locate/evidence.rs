@@ -27,7 +27,7 @@ use super::grid::{Grid, RigidF32, camera_point};
 use super::model::Model;
 use super::pieces;
 use super::pieces::Piece;
-use super::search::{PointObservation, covered_pixel_fraction, observe_point};
+use super::search::{PointObservation, covered_share, observe_point};
 use nalgebra::Matrix6;
 use panelprep_base::geometry::statistics::{NORMAL_TWO_SIDED_95, PANEL_MAX_95};
 use panelprep_base::geometry::{
@@ -391,7 +391,7 @@ fn scan_found_share(motion: &RigidF32, inputs: FitInputs<'_>, pieces: &[Piece]) 
 fn scan_overlap(motion: &RigidF32, inputs: FitInputs<'_>, pieces: &[Piece]) -> f64 {
     let (mut found, mut whole) = (0.0, 0.0);
     for piece in pieces {
-        let share = covered_pixel_fraction(motion, inputs.model, inputs.grid, piece, 1_500);
+        let share = covered_share(motion, inputs.model, inputs.grid, piece, 1_500);
         if share >= MIN_SHARE_ON_PANEL {
             found += share * piece.area_mm2;
             whole += piece.area_mm2;

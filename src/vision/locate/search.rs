@@ -367,7 +367,7 @@ fn score(
         })
     };
     let outline = edges.iter().map(of_edge).sum::<f64>() / edges.len() as f64;
-    let covered = covered_pixel_fraction(&motion, model, grid, piece, 400);
+    let covered = covered_share(&motion, model, grid, piece, 400);
     surface + outline + covered + marks_found(&motion, model, grid, lines.steps)
 }
 
@@ -411,13 +411,7 @@ pub(super) fn observe_point(motion: &RigidF32, model: &Model, grid: &Grid, sampl
 }
 
 /// Returns the fraction of a piece's points that the taught panel covers at a pose.
-pub(super) fn covered_pixel_fraction(
-    motion: &RigidF32,
-    model: &Model,
-    grid: &Grid,
-    piece: &Piece,
-    wanted: usize,
-) -> f64 {
+pub(super) fn covered_share(motion: &RigidF32, model: &Model, grid: &Grid, piece: &Piece, wanted: usize) -> f64 {
     let back = motion.inverse();
     let taught = RigidF32::from_rigid(&model.camera_from_panel);
     let (mut asked, mut held) = (0usize, 0usize);

@@ -102,7 +102,7 @@ pub fn measure(views: &[PlaneView], over: FieldRectangle) -> Result<ScannerError
         bow_mm: solved.map_or(0.0, |solved| solved.bow_mm),
         scale_percent,
         scale_deviation_percent,
-        covered_pixel_fraction: parts.covered_pixel_fraction(),
+        covered_share: parts.covered_share(),
         parts,
         depths_mm: [depths.clone().fold(f64::INFINITY, f64::min), depths.fold(0.0, f64::max)],
         turned_deg: turned_deg(views),
@@ -141,7 +141,7 @@ pub struct ScannerErrors {
     /// The parts of the picture.
     pub parts: PictureParts,
     /// Share of the picture in which at least two scans show the board.
-    pub covered_pixel_fraction: f64,
+    pub covered_share: f64,
     /// Least and greatest depth of the middle of a board, mm.
     pub depths_mm: [f64; 2],
     /// The largest difference between two rotations of the board in its plane, degrees.
@@ -186,20 +186,15 @@ pub fn checks(found: &ScannerErrors) -> Vec<Check> {
         if is_bad { smooth.or_reject("scanner_smooth", words) } else { smooth.or_review("scanner_smooth", words) };
     vec![
         smooth,
-        Check::new(
-            "share of the picture in which two scans have the board",
-            "%",
-            100.0 * found.covered_pixel_fraction,
-        )
-        .with_min(100.0 * MIN_COVERED_SHARE, LimitSource::Program)
-        .or_review("scanner_covered", || {
-            let [is, least] =
-                distinguishable_texts(100.0 * found.covered_pixel_fraction, 100.0 * MIN_COVERED_SHARE, 0);
-            format!(
-                "the board covers {is} % of the picture, at least {least} % are needed; hold the board in the \
+        Check::new("share of the picture in which two scans have the board", "%", 100.0 * found.covered_share)
+            .with_min(100.0 * MIN_COVERED_SHARE, LimitSource::Program)
+            .or_review("scanner_covered", || {
+                let [is, least] = distinguishable_texts(100.0 * found.covered_share, 100.0 * MIN_COVERED_SHARE, 0);
+                format!(
+                    "the board covers {is} % of the picture, at least {least} % are needed; hold the board in the \
                      corners of the picture, too"
-            )
-        }),
+                )
+            }),
         Check::new("farthest over nearest place of the board", "", found.depths_mm[1] / found.depths_mm[0])
             .with_min(MIN_DEPTH_RATIO, LimitSource::Program)
             .or_review("scanner_depths", || {

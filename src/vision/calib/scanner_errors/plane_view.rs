@@ -373,7 +373,7 @@ impl PictureParts {
     }
 
     /// Returns the share of the parts in which enough scans show the board.
-    pub(super) fn covered_pixel_fraction(&self) -> f64 {
+    pub(super) fn covered_share(&self) -> f64 {
         self.iter().filter(|part| part.has_enough_scans()).count() as f64 / self.parts.len() as f64
     }
 }

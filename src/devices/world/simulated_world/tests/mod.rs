@@ -352,7 +352,7 @@ fn an_abraded_spot_holds_water_after_it_is_wetted_again() {
     bench.park();
     let trace = bench.server.handle().with_controller(|controller| controller.trace().to_vec());
     let touched = TouchedPoints::reached_by_disc(&trace, bench.world.truth(), DISC_MM);
-    assert!(touched.covered_pixel_fraction(&abraded) > 0.999 && touched.covered_pixel_fraction(&left) == 0.0);
+    assert!(touched.covered_share(&abraded) > 0.999 && touched.covered_share(&left) == 0.0);
     let errors = contact_errors(&trace, bench.world.truth()).expect("it sanded");
     assert!(errors.surface_max_mm < 0.2 && errors.normal_max_deg < 0.5 && errors.samples > 100, "{errors:?}");
     assert!(bench.gray(abraded.centre) > 0.8 * dry[0], "the old film does not mend");
