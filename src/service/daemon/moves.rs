@@ -167,7 +167,7 @@ impl LoopMemory<'_> {
         };
         self.mounted(state).into_iter().find_map(|flange_from_tip| {
             let departing = match start {
-                AxisMotionStart::PathEnd => reach::departing(&arm, &state.joints, flange_from_tip),
+                AxisMotionStart::PathEnd => reach::arm_for_departure(&arm, &state.joints, flange_from_tip),
                 AxisMotionStart::Anywhere => Some(arm.clone()),
             };
             let Some(departing) = departing else { return Some(Infeasibility::NotFinite) };
@@ -200,7 +200,7 @@ impl LoopMemory<'_> {
     }
 
     /// Checks the motion to the park pose, with the panel as an obstacle. At the end of a path of this program the tool
-    /// may be as near to the panel as [`reach::departing`] permits. Elsewhere, after a stop, an abort or a start of the
+    /// may be as near to the panel as [`reach::arm_for_departure`] permits. Elsewhere, after a stop, an abort or a start of the
     /// program, the arm may be anywhere, and the tool may be at the panel: the axes move only if the whole motion keeps
     /// the configured distances; otherwise a person must move the arm away.
     fn park_motion_is_permitted(&mut self, poses: &[Joints]) -> Result<bool, DaemonError> {
