@@ -27,12 +27,12 @@ const AXIS_ANGLE_TOLERANCE_DEG: f64 = 0.01;
 /// distance exceeds the difference of their depths by up to 15 %.
 const SPIRAL_STEP_FACTOR: f64 = 0.85;
 
-/// Minimum length of a line, mm. A line that is shorter, and also shorter than [`MIN_SPACING_SHARE`] of the distance
+/// Minimum length of a line, mm. A line that is shorter, and also shorter than [`MIN_SPACING_FRACTION`] of the distance
 /// between waypoints, is merged with the next line. The feed on such a short line would be low, because the controller
 /// needs time to plan each line.
 const MIN_LINE_MM: f64 = 1.0;
 /// Minimum length of a line as a fraction of the distance between waypoints: see [`MIN_LINE_MM`].
-const MIN_SPACING_SHARE: f64 = 0.25;
+const MIN_SPACING_FRACTION: f64 = 0.25;
 
 /// Distance between the points of a row before resampling, mm.
 const COLUMN_MM: f64 = 4.0;
@@ -72,7 +72,7 @@ pub(super) fn lines(
 ) -> Result<Lines, RasterError> {
     let laid = lay_lines(surface, patch, insets, settings, [step_over_mm, spacing_mm])?;
     Ok(Lines {
-        track: drop_short_steps(surface, &laid.track, MIN_LINE_MM.min(MIN_SPACING_SHARE * spacing_mm)),
+        track: drop_short_steps(surface, &laid.track, MIN_LINE_MM.min(MIN_SPACING_FRACTION * spacing_mm)),
         ..laid
     })
 }
