@@ -1,18 +1,21 @@
-//! Advice from a clip about light and thresholds (thesis 4.2): how well each channel distinguishes wet from dry. For
-//! the film method it also states the contrast in every grid and how long places look dry for a moment.
+//! Recommends settings for light and thresholds from a clip (thesis 4.2), by how well each colour channel distinguishes
+//! wet from dry. For the film method the module also states the contrast in every grid, and the longest time for which
+//! a place appeared dry and then wet again.
 //!
-//! Over the region, let d be the mean dry brightness, w the mean wet brightness and σ the noise of one picture, each by
-//! channel:
+//! Over the region, let d be the mean dry brightness, w the mean wet brightness and σ the noise of one picture, each
+//! for one channel:
 //!     contrast-to-noise = (d − w) / σ,       weight ∝ (d − w) / σ².                                      (1)
-//! These weights give the least noise for a given contrast (a matched filter). The thesis's threshold lies half-way
-//! between dry and wet of the best channel; its HSV range surrounds the values of dry pixels.
+//! These weights give the least noise for a given contrast (a matched filter). The thesis's threshold is halfway
+//! between the dry and the wet brightness of the best channel. The thesis's HSV range encloses the values of dry
+//! pixels.
 //!
-//! In the brightness v that the method evaluates, a weighted sum of the channels, a pixel has the mean d in the dry
-//! pictures and w in the first wet ones. In a picture with s times the light of the first wet ones the pixel looks dry
-//! if
+//! The film method evaluates the brightness v, a weighted sum of the channels. A pixel has the mean brightness d in the
+//! dry pictures and w in the first wet pictures. In a picture with s times the light of the first wet pictures, the
+//! pixel appears dry if
 //!     (d + w) / 2 < v / s < d + (d - w) / 2;                                                             (2)
-//! a brighter pixel is a reflection. A place that looks dry and then wet again within a few seconds was a glint, a drop
-//! or a flicker: `persist_s` must be longer. A place that stays dry longer has broken, and does not count here.
+//! a brighter pixel is a reflection. A place that appears dry and within a few seconds wet again was a glint, a drop or
+//! a flicker: `persist_s` must be longer than this event. A place that stays dry for longer has broken, and is not
+//! evaluated here.
 
 use super::error::InspectError;
 use super::gate::MIN_CHANGE_TO_NOISE;
@@ -23,43 +26,43 @@ use panelprep_cell::panel::GridId;
 use panelprep_cell::recipe;
 use std::collections::BTreeMap;
 
-/// One channel of the region.
+/// Measured values of one colour channel over the region.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Channel {
-    /// Mean brightness when dry.
+    /// Mean brightness of the dry panel, grey levels.
     pub dry: f64,
-    /// Mean brightness under a complete film.
+    /// Mean brightness under a complete film, grey levels.
     pub wet: f64,
-    /// Noise of one picture, grey levels.
+    /// Standard deviation of the noise of one picture, grey levels.
     pub noise: f64,
     /// (1).
     pub weight: f64,
 }
 
 impl Channel {
-    /// Returns the change that the film causes, in multiples of the noise.
+    /// Returns the change of brightness by the film, as a multiple of the noise.
     pub fn contrast_to_noise(&self) -> f64 {
         (self.dry - self.wet) / self.noise.max(0.1)
     }
 }
 
-/// Settings that suit this panel in this light.
+/// Recommended settings for this panel in this light.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Advice {
-    /// Red, green, blue; weights from 0 to 1.
+    /// The channels red, green and blue, with weights from 0 to 1.
     pub channels: [Channel; 3],
-    /// Mean brightness of the darkest and of the brightest twentieth of the dry region, each relative to the region's
-    /// mean: a measure of the evenness of the light.
+    /// Uniformity of the light: mean brightness of the darkest 5 % and of the brightest 5 % of the dry region, each
+    /// relative to the mean brightness of the region.
     pub evenness: [f64; 2],
-    /// Share of the dry region that is overexposed.
+    /// Fraction of the dry region that is overexposed.
     pub overexposed: f64,
-    /// The thesis's threshold that results with the recipe's gain.
+    /// Threshold for the thesis's method, at the recipe's gain.
     pub threshold: usize,
-    /// The range of hue, saturation and value of dry pixels, widened.
+    /// Minimum and maximum of hue, saturation and value of the dry pixels, with a margin.
     pub hsv: [[usize; 3]; 2],
 }
 
-/// Collects the pixels of a region, picture by picture; stores sums only.
+/// Accumulates statistics of a region's pixels, picture by picture; only sums are stored.
 #[derive(Debug)]
 pub struct Sampler {
     region: Vec<usize>,
@@ -68,7 +71,7 @@ pub struct Sampler {
     wet: Vec<[u32; 3]>,
     wet_pictures: u32,
     before: Option<Vec<[u8; 3]>>,
-    /// Sum of squared differences of successive pictures, and number of differences.
+    /// For each channel, the sum of the squared differences between successive pictures.
     squares: [f64; 3],
     differences: f64,
 }
@@ -112,8 +115,7 @@ impl Sampler {
         if let Some(before) = self.before.replace(now) {
             let now = self.before.iter().flatten();
             for (a, b) in before.iter().zip(now) {
-                // The differences are clipped. The median would be more robust, but glints are so rare that clipping is
-                // sufficient.
+                // The differences are clipped. A median would be more robust, but glints are rare enough for clipping.
                 let differs = |i: usize| (f64::from(a[i]) - f64::from(b[i])).clamp(-12.0, 12.0);
                 (0..3).for_each(|i| self.squares[i] += differs(i).powi(2));
                 self.differences += 1.0;
@@ -121,24 +123,26 @@ impl Sampler {
         }
     }
 
-    /// Returns the mean dry brightness by pixel of the picture, with channel weights whose sum is 1.
+    /// Returns the mean dry brightness for each pixel index of the picture, with channel weights that are scaled to a
+    /// sum of 1.
     fn dry_means(&self, weights: [f64; 3]) -> BTreeMap<usize, f64> {
         channel_means(&self.region, &self.dry, self.dry_pictures, weights)
     }
 
-    /// Returns the mean brightness under a complete film by pixel of the picture, with channel weights whose sum is
-    /// 1.
+    /// Returns the mean brightness under a complete film for each pixel index of the picture, with channel weights that
+    /// are scaled to a sum of 1.
     fn wet_means(&self, weights: [f64; 3]) -> BTreeMap<usize, f64> {
         channel_means(&self.region, &self.wet, self.wet_pictures, weights)
     }
 
-    /// Returns the noise of one picture by channel, grey levels.
+    /// Returns the noise of one picture for each channel, grey levels.
     pub(super) fn noise_levels(&self) -> [f64; 3] {
-        // The difference of two pictures has twice the variance of one.
+        // The variance of a difference of two pictures is twice the variance of one picture.
         self.squares.map(|square| (square / self.differences.max(1.0) / 2.0).sqrt())
     }
 
-    /// Returns the settings that suit the panel; `None` without a dry and a wet picture, or without a pixel.
+    /// Returns the recommended settings; `None` without a dry picture, without a wet picture or without a pixel in the
+    /// region.
     pub fn advice(&self, settings: &recipe::Inspect) -> Option<Advice> {
         if self.dry_pictures == 0 || self.wet_pictures == 0 || self.region.is_empty() {
             return None;
@@ -186,8 +190,8 @@ fn add(sums: &mut [[u32; 3]], region: &[usize], picture: &ColorPicture) {
     }
 }
 
-/// Returns the range from the first to the ninety-ninth percentile of each component, widened by a tenth of the
-/// scale on both sides.
+/// Returns the range from the 1st to the 99th percentile of hue, saturation and value, extended on both sides by 10 %
+/// of the component's full scale.
 fn hsv_range(dry: &[[u8; 3]]) -> Result<[[usize; 3]; 2], InspectError> {
     let picture = ColorPicture { width: dry.len(), height: 1, rgb: dry.to_vec() };
     let hsv = thesis::to_hsv(&picture)?;
@@ -203,11 +207,12 @@ fn hsv_range(dry: &[[u8; 3]]) -> Result<[[usize; 3]; 2], InspectError> {
     Ok(range)
 }
 
-/// Finds the threshold with which the thesis's pipeline agrees best with the truth, from the reference and the last
-/// picture. Returns the threshold and its score. The other settings of the pipeline are not changed.
+/// Finds the threshold at which the result of the thesis's pipeline agrees best with the true mask. The pipeline
+/// compares the reference picture with the last picture. Returns the threshold and its score; the other settings of the
+/// pipeline stay as they are.
 ///
 /// # Errors
-/// If sizes differ, or OpenCV refuses a picture.
+/// If the pictures and the mask differ in size, or OpenCV refuses a picture.
 pub fn best_threshold(
     settings: &recipe::Inspect,
     [reference, last]: [&ColorPicture; 2],
@@ -226,56 +231,56 @@ pub fn best_threshold(
     best.ok_or(InspectError::NoWetPicture)
 }
 
-/// A place that looked dry for longer than this, s, and then wet again was a break over which the film closed, not a
-/// flash.
+/// Maximum duration of a flash, s. A place that appears dry for longer and then wet again was a break over which the
+/// film closed.
 const MAX_FLASH_S: f64 = 4.0;
-/// Number of pixels of the smallest flash that counts: a break with fewer pixels would not be found reliably.
+/// Minimum number of pixels of a flash: a break with fewer pixels would not be detected reliably.
 const MIN_FLASH_PX: usize = 12;
 
-/// The contrast of one grid, in the brightness that the method uses.
+/// The contrast between dry panel and film in one grid, in the brightness that the film method uses.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GridContrast {
     /// The grid.
     pub id: GridId,
-    /// Mean brightness when dry, grey levels.
+    /// Mean brightness of the dry grid, grey levels.
     pub dry: f64,
-    /// Mean brightness under a complete film.
+    /// Mean brightness of the grid under a complete film, grey levels.
     pub wet: f64,
-    /// The change that the film causes, in multiples of the noise of a pixel.
+    /// The change of brightness by the film, as a multiple of the noise of a pixel.
     pub contrast_to_noise: f64,
-    /// The grid's dry brightness relative to that of the whole region.
+    /// The dry brightness of the grid, relative to the dry brightness of the whole region.
     pub light: f64,
-    /// The channel in which the film causes the largest change relative to the noise: 0 red, 1 green, 2 blue.
+    /// The channel with the largest contrast-to-noise ratio: 0 red, 1 green, 2 blue.
     pub channel: usize,
-    /// The contrast in that channel as a multiple of its noise; negative if the film is brighter than the dry panel.
+    /// The contrast-to-noise ratio of `channel`; negative if the film is brighter than the dry panel.
     pub channel_to_noise: f64,
-    /// The share of the grid, percent, in which the film changes every channel by less than [`MIN_CHANGE_TO_NOISE`]
-    /// times its noise: a break would not be visible there.
+    /// Percentage of the grid in which the film changes every channel by less than [`MIN_CHANGE_TO_NOISE`] times the
+    /// noise of the channel: a break would not be visible there.
     pub faint_percent: f64,
 }
 
 impl GridContrast {
-    /// Returns the larger of two contrasts between film and dry: that with the recipe's weights, or the absolute value
-    /// in the best single channel.
+    /// Returns the larger of two contrast-to-noise ratios: the ratio with the recipe's channel weights, and the
+    /// absolute ratio of the best single channel.
     pub fn best_contrast_to_noise(&self) -> f64 {
         self.contrast_to_noise.max(self.channel_to_noise.abs())
     }
 }
 
-/// Finds flashes: places that look dry for a moment. Evaluates the clip's pictures one by one.
+/// Detects flashes, places that appear dry for a moment, from the pictures of a clip one by one.
 #[derive(Debug)]
 pub struct FlashDetector {
     pixels: Vec<usize>,
     weights: [f64; 3],
     dry: Vec<f64>,
     wet: Vec<f64>,
-    /// The time at which the pixel began to look dry, s; `None` if it looks wet.
+    /// For each pixel, the time at which the pixel began to appear dry, s; `None` if the pixel appears wet.
     since_s: Vec<Option<f64>>,
     longest_s: Vec<f64>,
     is_first: bool,
 }
 
-/// Calculates the brightness of a pixel with channel weights whose sum is 1.
+/// Returns the brightness of a pixel: the sum of its channels, weighted with weights whose sum is 1.
 fn brightness([r, g, b]: [u8; 3], weights: [f64; 3]) -> f64 {
     f64::from(r) * weights[0] + f64::from(g) * weights[1] + f64::from(b) * weights[2]
 }
@@ -286,7 +291,7 @@ fn channel_shares(settings: &recipe::Inspect) -> [f64; 3] {
 }
 
 impl Sampler {
-    /// Calculates the contrast in each grid from the given pixels of the picture; grids without a pixel are left out.
+    /// Calculates the contrast in each grid from the given pixel indices; a grid without a pixel is omitted.
     pub fn grid_contrasts(&self, settings: &recipe::Inspect, grids: &[(GridId, Vec<usize>)]) -> Vec<GridContrast> {
         let weights = channel_shares(settings);
         let (dry, wet) = (self.dry_means(weights), self.wet_means(weights));
@@ -334,12 +339,12 @@ impl Sampler {
         grids.iter().filter_map(grid).collect()
     }
 
-    /// Begins the search for places that look dry for a moment; the pixels of `broken`, which are known to break,
+    /// Creates a detector for places that appear dry for a moment. The pixels of `broken`, which are known to break,
     /// are excluded.
     pub fn flash_detector(&self, settings: &recipe::Inspect, broken: Option<&Mask>) -> FlashDetector {
         let weights = channel_shares(settings);
         let (dry, wet) = (self.dry_means(weights), self.wet_means(weights));
-        // A pixel without contrast carries no information.
+        // A pixel without contrast contains no information.
         let tells = |index: &&usize| {
             dry[*index] > wet[*index] + 1.0 && !broken.is_some_and(|broken| broken.inside[**index])
         };
@@ -357,7 +362,7 @@ impl Sampler {
 }
 
 impl FlashDetector {
-    /// Evaluates the next wet picture.
+    /// Evaluates the next wet picture, captured at `time_s`.
     pub fn push(&mut self, picture: &ColorPicture, time_s: f64) {
         let now: Vec<f64> = self.pixels.iter().map(|&index| brightness(picture.rgb[index], self.weights)).collect();
         let light = median(&mut now.iter().zip(&self.wet).map(|(now, wet)| now / wet.max(1.0)).collect::<Vec<_>>())
@@ -366,7 +371,7 @@ impl FlashDetector {
             let half = (self.dry[index] - self.wet[index]) / 2.0;
             let is_dry = (now / light - self.dry[index]).abs() < half; // (2)
             match (is_dry, self.since_s[index]) {
-                // A pixel that looks dry from the beginning never became wet, or became wet late.
+                // A pixel that appears dry from the first picture never became wet, or became wet late.
                 (true, None) => self.since_s[index] = Some(if self.is_first { f64::NEG_INFINITY } else { time_s }),
                 (false, Some(since_s)) => {
                     let lasted_s = time_s - since_s;
@@ -381,8 +386,8 @@ impl FlashDetector {
         self.is_first = false;
     }
 
-    /// Returns the longest time for which places of the size of a break looked dry before they looked wet again, s; 0
-    /// if there was no such place.
+    /// Returns the longest time, s, for which a place of at least the size of a break appeared dry before it appeared
+    /// wet again; 0 if there was no such place.
     pub fn longest_s(mut self) -> f64 {
         if self.longest_s.len() < MIN_FLASH_PX {
             return 0.0;
@@ -397,8 +402,8 @@ mod tests {
     use super::super::tests::inspect_table;
     use super::*;
 
-    /// Calculated by hand: dry (100, 80, 60), wet (90, 50, 30), noise ±2 in each channel: contrasts 10, 30, 30, weights
-    /// ⅓, 1, 1. With a gain of 4 the threshold is 4·30/2 = 60.
+    /// Expected values, calculated by hand: dry (100, 80, 60), wet (90, 50, 30) and noise ±2 in each channel give the
+    /// contrasts 10, 30, 30 and the weights ⅓, 1, 1. With a gain of 4 the threshold is 4·30/2 = 60.
     #[test]
     fn channels_are_weighted_by_their_contrast() {
         let region = Mask { width: 10, height: 10, inside: vec![true; 100] };
@@ -413,7 +418,7 @@ mod tests {
         let advice = sampler.advice(&inspect_table("gain = 4")).expect("dry and wet");
         assert_eq!(advice.channels.map(|channel| channel.weight), [0.33, 1.0, 1.0]);
         assert!((advice.channels[0].dry - 100.0).abs() < 1e-9 && (advice.channels[1].wet - 50.0).abs() < 1e-9);
-        // Successive pictures differ by 4 everywhere: σ = 4/√2.
+        // Successive pictures differ by 4 levels at every pixel: σ = 4/√2.
         assert!((advice.channels[2].noise - 8.0_f64.sqrt()).abs() < 1e-9);
         assert_eq!((advice.threshold, advice.overexposed), (60, 0.0));
         assert!(Sampler::new(&region).advice(&inspect_table("")).is_none());
@@ -437,7 +442,7 @@ mod tests {
 
     fn sampler() -> Sampler {
         let mut sampler = Sampler::new(&Mask { width: 20, height: 20, inside: vec![true; WHOLE] });
-        // The light on the left half is twice as strong.
+        // The light on the left half is twice as strong as on the right half.
         let lit = |level: u8| {
             let mut picture = ColorPicture::uniform(20, 20, [level; 3]);
             (0..WHOLE).filter(|i| i % 20 < 10).for_each(|i| picture.rgb[i] = [2 * level; 3]);
@@ -448,9 +453,9 @@ mod tests {
         sampler
     }
 
-    /// By hand: dry 101 and 50.5, wet 61 and 30.5; the mean of the halves is 75.75. From picture to picture the halves
-    /// differ by 2 and 1 levels: the mean square is 2.5. The variance of one picture is half of that, and the variance
-    /// of the mean of three equal channels a third of this half.
+    /// Expected values, calculated by hand: dry 101 and 50.5, wet 61 and 30.5; the mean of both halves is 75.75. From
+    /// picture to picture the halves change by 2 and 1 levels: the mean square is 2.5. The variance of one picture is
+    /// half of 2.5, and the variance of the mean of three equal channels is a third of that half.
     #[test]
     fn each_grid_has_its_own_contrast() {
         let half = |right: bool| (0..WHOLE).filter(|i| (i % 20 >= 10) == right).collect::<Vec<_>>();
@@ -470,9 +475,9 @@ mod tests {
         assert_eq!(found.len(), 2);
     }
 
-    /// Calculated by hand, five pictures a second: 20 pixels look dry in 3 pictures, 0.6 s. Of these, 5 look dry for 1
-    /// s, but they are fewer than a break has. Another 40 look dry from 2 s to the end, which is a break. The light
-    /// increases by a fifth meanwhile.
+    /// Expected values, calculated by hand for five pictures per second: 20 pixels appear dry in 3 pictures, 0.6 s. Of
+    /// these pixels, 5 appear dry for 1 s, which are fewer than a break has. Another 40 pixels appear dry from 2 s to
+    /// the end, so they are a break. The light increases by 20 % during the clip.
     #[test]
     fn a_flash_is_distinguished_from_a_break() {
         let settings = inspect_table("");
@@ -499,8 +504,9 @@ mod tests {
         assert!((found(Some(&broken), 3.0) - 0.6).abs() < 1e-9, "unless it is known to have broken");
     }
 
-    /// Calculated by hand: on the left, a film that mirrors something red is brighter than the dry panel, by 20
-    /// levels in red. On the right, the film differs by only 4 levels. Noise of ±1 level in each channel: σ = 2/√2.
+    /// Expected values, calculated by hand: on the left, the film reflects a red object and is 20 levels brighter in
+    /// red than the dry panel. On the right, the film differs from the dry panel by only 4 levels. With a noise of ±1
+    /// level in each channel, σ = 2/√2.
     #[test]
     fn a_brighter_film_and_a_film_without_contrast_are_reported_by_grid() {
         let mut sampler = Sampler::new(&Mask { width: 20, height: 20, inside: vec![true; WHOLE] });

@@ -1,13 +1,18 @@
-//! Determines the broken places from the pixels that look bare, after the end of the film; also determines which places
-//! cannot be judged.
+//! Determines the broken pixels after the end of the film, from the pixels that appear bare. It also determines which
+//! pixels cannot be classified.
 //!
-//! Pixels that looked bare at the end, but for less than the required time, belong to the break that they touch. A
-//! break is equally bare over its whole area, and the film around it differs from it. A glint that does not move has a
-//! bell-shaped brightness, and is as bright as a bare place only on a ring. The edge of a reflection runs from film to
-//! bare and beyond. A film that happens to look bare has no rim. Places with these signs of a glint, a reflection or
-//! such a film count as not seen, unless they closed again soon and moved on. A place moves on by itself or, if it is
-//! smaller than a break, together with the places beside it. A small wet place within a break is a bead of water on
-//! grease and not a film; it belongs to the break.
+//! A candidate is a connected component of pixels that appear bare. Pixels that appeared bare at the end, but for less
+//! than the required time, belong to the candidate that they touch.
+//!
+//! A break has a uniform brightness over its whole area, and the film around it has another brightness. Three other
+//! causes are recognised:
+//! - A static glint has a bell-shaped brightness; only on a ring it is as bright as a bare surface.
+//! - The brightness of the edge of a reflection increases from that of the film to that of a bare surface and beyond.
+//! - A film that happens to be as bright as a bare surface has no rim.
+//!
+//! A candidate with one of these signs is treated as not seen, unless it closed again quickly and moved. A candidate
+//! that is smaller than a break may move together with the candidates beside it. A small wet area within a break is a
+//! bead of water on grease and not a film; it belongs to the break.
 
 use super::footprint::Window;
 use super::model::{ASSUMED_FILM_TRANSMISSION, MAX_FILM_POWER, Model, REFLECTION_TIME_S};
@@ -16,91 +21,93 @@ use panelprep_base::geometry::{ALL_NEIGHBOURS, DIRECT_NEIGHBOURS};
 use std::collections::{BTreeSet, VecDeque};
 use std::f64::consts::PI;
 
-/// A connected component with fewer pixels is noise.
+/// Minimum number of pixels of a connected component; smaller ones are noise.
 const MIN_COMPONENT_PX: usize = 4;
-/// The largest variation of brightness over the inner part of a break, between its lower and its upper quartile, as a
-/// fraction of the difference between bare place and film. Glints and edges of reflections vary by more (`make
-/// bench-inspect`).
+/// Maximum interquartile range of the brightness over the inner part of a break, as a fraction of the brightness
+/// difference between bare surface and film. Glints and edges of reflections vary by more (`make bench-inspect`).
 const MAX_UNEVENNESS: f32 = 0.14;
-/// The interquartile range that noise alone causes at an even place, in σ: 1.35 in theory, and this value with few
-/// pixels.
+/// Interquartile range that noise alone causes in an area of uniform brightness, as a multiple of σ: 1.35 in theory,
+/// larger for few pixels.
 const NOISE_SPREAD_SIGMA: f32 = 1.8;
-/// The width of the rim of a disc, px: the pixels that touch its outside.
+/// Width of the rim of a disc, px: the pixels that touch its outside.
 const RIM_WIDTH_PX: f64 = 0.9;
-/// An inner part with fewer pixels is too small to judge its evenness.
+/// Minimum number of pixels of the inner part for a test of its uniformity.
 const MIN_CORE_PX: usize = 9;
-/// A place lies along a reflection if at least this fraction of the pixels around it is brighter than any bare place.
-/// Breaks have rims that mirror lamps: around them at most 0.12 was found in rendered films.
+/// Minimum fraction of the pixels around a candidate that must be brighter than any bare surface, for the candidate to
+/// lie along a reflection. The rims of breaks reflect lamps: around breaks in rendered films the fraction was at most
+/// 0.12.
 const MIN_REFLECTION_SHARE: f64 = 0.25;
-/// At least this fraction of the film around a break must be distinguishable from a bare place. The pixels up to
-/// `SURROUNDING_DISTANCE_PX` from the break count as the film around it.
+/// Minimum fraction of the film around a break that must be distinguishable from a bare surface. The film around a
+/// break consists of the pixels within `SURROUNDING_DISTANCE_PX` of it.
 const MIN_DISTINGUISHABLE_SHARE: f64 = 0.6;
-/// A pixel of a place became film if it is as bright as at least this fraction of the film pixels around the place, and
-/// looks like a break relative to less than this fraction of them …
+/// A pixel of a candidate became film if its brightness agrees with at least this fraction of the film pixels around
+/// the candidate. In addition, the pixel must have the brightness of a break relative to less than this fraction of
+/// these pixels.
 const MIN_SIMILAR_SHARE_AROUND: f64 = 0.35;
-/// … and the whole place became film if at least this fraction of its pixels did: the rest is its blurred rim.
+/// Minimum fraction of the pixels of a candidate that became film, for the whole candidate to have become film: the
+/// rest is its blurred rim.
 const MIN_FILM_LIKE_SHARE: f64 = 0.6;
-/// A place without a dry look broke if its brightness changed by at least this fraction of the change that the faintest
-/// break causes; with a smaller change the result is uncertain.
+/// Minimum change of brightness of a broken candidate without a dry reference, as a fraction of the smallest change
+/// that a break causes. With a smaller change the result is uncertain.
 const MIN_BREAK_CHANGE_SHARE: f64 = 0.7;
 const SURROUNDING_DISTANCE_PX: usize = 3;
 
-/// The sizes of glints, beads and breaks.
+/// The sizes that distinguish glints, beads and breaks.
 #[derive(Debug, Clone, Copy)]
 pub struct FeatureSizes {
-    /// The largest glint, px.
+    /// Maximum size of a glint, px.
     pub glint_px: usize,
-    /// The largest bead, px.
+    /// Maximum size of a bead of water, px.
     pub bead_px: usize,
-    /// The smallest break that makes a grid fail, px.
+    /// Minimum size of a break that makes a grid fail, px.
     pub break_px: usize,
 }
 
-/// The observations of the window's pixels, except the times at which they broke.
+/// The observations of the pixels in the window, except the times at which they broke.
 pub trait PixelObservations {
-    /// Returns the time since which a pixel that did not break has looked bare, s.
+    /// Returns the time since which an unbroken pixel has appeared bare, s.
     fn bare_since_s(&self, index: usize) -> Option<f32>;
-    /// Returns the time for which a pixel that broke was open, s; `None` if the film did not close again.
+    /// Returns the time for which the film was open at a broken pixel, s; `None` if the film did not close again.
     fn open_time_s(&self, index: usize) -> Option<f32>;
-    /// Returns the pixel's mean brightness while it looked bare, relative to its dry brightness; for a place without a
-    /// dry look, relative to its film's brightness.
+    /// Returns the pixel's mean brightness while the pixel appeared bare, relative to its dry brightness; for a pixel
+    /// without a dry reference, relative to the brightness of its film.
     fn bare_brightness_ratio(&self, index: usize) -> f32;
-    /// Returns the brightness of the pixel's film, relative to the same reference as `bare_brightness_ratio`.
+    /// Returns the brightness of the film at the pixel, relative to the same reference as `bare_brightness_ratio`.
     fn film_brightness_ratio(&self, index: usize) -> f32;
-    /// Returns the standard deviation of `bare_brightness_ratio`, relative to the same reference.
+    /// Returns the standard deviation of `bare_brightness_ratio`.
     fn noise(&self, index: usize) -> f32;
-    /// Returns whether the pixel's film is brighter than any bare place.
+    /// Returns whether the film at the pixel is brighter than any bare surface.
     fn is_film_brighter(&self, index: usize) -> bool;
-    /// Returns whether the contrast between the pixel's film and a bare place is sufficient.
+    /// Returns whether film and bare surface can be distinguished at the pixel.
     fn has_contrast(&self, index: usize) -> bool;
-    /// Returns the time for which a place must look bare to count as broken, s.
+    /// Returns the minimum time for which a broken pixel appears bare, s.
     fn persist_s(&self) -> f32;
-    /// Returns the longest time between two pictures, s.
+    /// Returns the longest time between two successive pictures, s.
     fn longest_step_s(&self) -> f32;
     /// Returns whether the pixel belongs to the region.
     fn is_inside(&self, index: usize) -> bool;
-    /// Returns whether the pixel has no dry look of its own.
+    /// Returns whether the pixel has no dry reference.
     fn has_no_dry_brightness(&self, index: usize) -> bool;
-    /// Returns the pixel's brightness while it looked bare, and its present brightness, grey levels, both in the light
-    /// of the first wet picture.
+    /// Returns the mean brightness of the pixel while it appeared bare, and its present brightness. Both are in grey
+    /// levels, in the light of the first wet picture.
     fn levels(&self, index: usize) -> [f32; 2];
-    /// Returns the fraction by which the film's brightness may differ between two neighbouring places.
+    /// Returns the relative difference that is permitted between the brightness of the film at two neighbouring places.
     fn neighbour_tolerance(&self) -> f32;
-    /// Returns the smallest and the largest brightness of a break on a place without a dry look, relative to the
+    /// Returns the minimum and the maximum brightness of a break at a pixel without a dry reference, relative to the
     /// brightness of its film; `None` if the range is not known.
     fn break_ratio_range(&self) -> Option<[f32; 2]>;
 }
 
-/// The final result for each pixel.
+/// The final classification of each pixel.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FinalMask {
-    /// Time at which each pixel broke, s; [`NOT_BROKEN`] if its film did not break.
+    /// For each pixel, the time at which the film broke, s; [`NOT_BROKEN`] if the film did not break.
     pub broke_s: Vec<f32>,
-    /// Pixels for which it is uncertain whether they broke: in `broke_s` they count as not broken.
+    /// Pixels for which it is uncertain whether they broke; in `broke_s` they are [`NOT_BROKEN`].
     pub unsure: Vec<usize>,
 }
 
-/// Determines which pixels broke, and for which this is uncertain.
+/// Determines which pixels broke, and for which pixels this is uncertain.
 pub fn determine_breaks(
     window: &Window,
     broke_s: Vec<f32>,
@@ -119,14 +126,15 @@ pub fn determine_breaks(
         match place.classify(sizes.glint_px, seen) {
             PlaceVerdict::Broke => continue,
             PlaceVerdict::Passed => {}
-            // A place as large as a break is not judged together with others: its own times must show that it moves.
+            // A candidate as large as a break is not judged together with others: its own times must show that it
+            // moves.
             PlaceVerdict::Unsure if piece.len() < sizes.break_px && place.has_closed_quickly(seen) => {
                 short.extend_from_slice(&piece);
             }
             PlaceVerdict::Unsure => unsure.extend_from_slice(&piece),
         }
-        // Neither a passed nor an unsure place is a break. Unsure pixels are listed, so that their grid does not pass
-        // either.
+        // Neither a passed nor an uncertain candidate is a break. Uncertain pixels are listed, so that their grid does
+        // not pass either.
         piece.iter().for_each(|&i| broke_s[i] = NOT_BROKEN);
     }
     let short = BarePlace { window, broke_s: &all_s, is_bead: &is_bead, piece: &short };
@@ -139,12 +147,13 @@ pub fn determine_breaks(
     FinalMask { broke_s, unsure }
 }
 
-/// Treats small wet places within a bare-looking place as beads that belong to it: they count as broken from the
-/// time at which their rim was complete.
+/// Treats small wet areas within an area that appears bare as beads. A bead is treated as broken from the time at which
+/// its rim was complete. Returns which pixels are beads.
 fn fill_beads(window: &Window, broke_s: &mut [f32], bead_px: usize, seen: &impl PixelObservations) -> Vec<bool> {
     let mut is_bead = vec![false; broke_s.len()];
     for wet in window.raster().connected_components(&DIRECT_NEIGHBOURS, |i| broke_s[i] == NOT_BROKEN) {
-        // A bead within a break is water that receded, not a film; without it the break would be measured too small.
+        // A bead within a break is water that receded, not a film; without the bead the measured break would be too
+        // small.
         let enclosed =
             wet.len() <= bead_px && wet.iter().all(|&i| seen.is_inside(i) && !is_at_window_edge(window, i));
         if enclosed {
@@ -157,16 +166,16 @@ fn fill_beads(window: &Window, broke_s: &mut [f32], bead_px: usize, seen: &impl 
     is_bead
 }
 
-/// The classification of a place that looks bare.
+/// The classification of a candidate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum PlaceVerdict {
     Broke,
-    /// A glint passed over the place.
+    /// A glint moved over the candidate.
     Passed,
     Unsure,
 }
 
-/// A place that looks bare: one connected component, or the components of one trail.
+/// A candidate: one connected component of pixels that appear bare, or the components of one trail.
 #[derive(Clone, Copy)]
 struct BarePlace<'a> {
     window: &'a Window,
@@ -196,31 +205,31 @@ impl BarePlace<'_> {
             && !is_along_reflection
             && is_distinguishable
             && self.is_contrast_plausible(seen);
-        // With a small core the evenness carries little information; in that case motion decides.
+        // With a small inner part, its uniformity contains little information; in this case motion decides.
         if is_break && !(passed && core.len() < MIN_CORE_PX) { PlaceVerdict::Broke } else { unless_passed }
     }
 
-    /// Checks whether the bare look moved over the place. A break is open over its whole area at one time. If a glint
-    /// passed, the first part is film again before the glint reaches the last part.
+    /// Checks whether the bare appearance moved over the candidate. A break is open over its whole area at one time. If
+    /// a glint passed, the first part is film again before the glint reaches the last part.
     fn has_moved(&self, seen: &impl PixelObservations) -> bool {
         let own = || self.piece.iter().copied().filter(|&i| !self.is_bead[i]);
         let mut since_s: Vec<f32> = own().map(|i| self.broke_s[i]).collect();
         let until_s: Option<Vec<f32>> = own().map(|i| Some(self.broke_s[i] + seen.open_time_s(i)?)).collect();
         let Some(mut until_s) = until_s.filter(|until_s| !until_s.is_empty()) else { return false };
-        // The tenth and the ninetieth percentile instead of the extremes, since a few pixels of the blurred rim open
-        // and close at other times.
+        // The 10th and the 90th percentile are used instead of the extremes, because a few pixels of the blurred rim
+        // open and close at other times.
         since_s.sort_by(f32::total_cmp);
         until_s.sort_by(f32::total_cmp);
-        // The closing is detected late, as the opening is: a run must first return to zero, which takes one picture
-        // less than the time that the run represents. The place may have closed up to one picture later than the run
-        // states.
+        // The closing is detected late, as the opening is: the counter must first return to zero, which takes one
+        // picture less than the time that it represents. The candidate may have closed up to one picture later than the
+        // counter states.
         let closed_s = until_s[until_s.len() / 10] - seen.persist_s() + 2.0 * seen.longest_step_s();
         since_s[since_s.len() - 1 - since_s.len() / 10] > closed_s
     }
 
-    /// Groups the parts of this place that one moving reflection may have left: each group is a trail. Such a
-    /// reflection looks bare at some positions on its path, and no single position shows that it moves. Parts that are
-    /// less than twice the largest glint's diameter apart are judged together.
+    /// Groups the components of this candidate that one moving reflection may have caused: each group is a trail. A
+    /// moving reflection looks bare at some positions on its path, and no single position shows the motion. Components
+    /// that are less than two diameters of the largest glint apart belong to one trail.
     fn group_trails(&self, glint_px: usize) -> Vec<Vec<usize>> {
         let diameter_px = 2.0 * (glint_px as f64 / PI).sqrt();
         let own: BTreeSet<usize> = self.piece.iter().copied().collect();
@@ -230,16 +239,16 @@ impl BarePlace<'_> {
         trails.into_iter().map(|trail| trail.into_iter().filter(|i| own.contains(i)).collect()).collect()
     }
 
-    /// Checks whether each pixel of the place became film again within the time in which reflections move on.
+    /// Checks whether each pixel of the candidate became film again within the time in which a reflection moves on.
     fn has_closed_quickly(&self, seen: &impl PixelObservations) -> bool {
         let mut own = self.piece.iter().filter(|&&i| !self.is_bead[i]);
         own.all(|&i| seen.open_time_s(i).is_some_and(|open_s| f64::from(open_s) <= REFLECTION_TIME_S))
     }
 
-    /// Checks whether a place without a dry look of its own became as bright as the film around it. This happens if a
-    /// glint lay on the place while its wet look was learnt, or if the water reached the place later. A break differs
-    /// from the film around it. Along an edge of a sanded area only the film on one side is as bright as the place; in
-    /// that case the place must not look like a break of the film on the other side.
+    /// Checks whether a candidate without a dry reference became as bright as the film around it. This happens if a
+    /// glint covered the place while its film brightness was learnt, or if water reached the place later. A break
+    /// differs from the film around it. Along an edge of a sanded area only the film on one side is as bright as the
+    /// candidate; in this case the candidate must not have the brightness of a break of the film on the other side.
     fn became_film(&self, seen: &impl PixelObservations) -> bool {
         let of_film =
             |i: usize| self.broke_s[i] == NOT_BROKEN && seen.is_inside(i) && seen.has_no_dry_brightness(i);
@@ -252,10 +261,11 @@ impl BarePlace<'_> {
         let share_of = |holds: &dyn Fn(f32) -> bool| {
             films.iter().filter(|&&film| holds(film)).count() as f64 / films.len() as f64
         };
-        // Each pixel is compared individually: the mean of a break over two kinds of film matches neither film.
+        // Each pixel is compared individually: the mean brightness of a break over two kinds of film matches neither of
+        // them.
         let is_film = |i: usize| {
             let [bare, now] = seen.levels(i);
-            // A pixel that has not returned to its film's look is compared in the last picture, in which it has the
+            // A pixel that has not returned to its film brightness is compared in the last picture, in which it has the
             // same light as the film around it.
             let look = if seen.open_time_s(i).is_none() { now } else { bare };
             let is_break_of = |film: f32| {
@@ -267,8 +277,8 @@ impl BarePlace<'_> {
         share(&own, is_film) >= MIN_FILM_LIKE_SHARE
     }
 
-    /// Checks whether the place differs from its own film as a break does; only pixels without a dry look are
-    /// compared.
+    /// Checks whether the brightness differs from that of the candidate's own film as in a break; only pixels without a
+    /// dry reference are compared.
     fn is_contrast_plausible(&self, seen: &impl PixelObservations) -> bool {
         let own = self.piece.iter().copied().filter(|&i| seen.has_no_dry_brightness(i) && !self.is_bead[i]);
         let shares: Vec<f32> = own.map(|i| seen.bare_brightness_ratio(i)).collect();
@@ -277,7 +287,7 @@ impl BarePlace<'_> {
         shares.is_empty() || seen.break_ratio_range().is_some_and(within)
     }
 
-    /// Returns the pixels up to this distance around the place for which `counts` is true.
+    /// Returns the pixels within this distance of the candidate for which `counts` is true.
     fn ring(&self, away_px: usize, counts: impl Fn(usize) -> bool) -> Vec<usize> {
         let inner: BTreeSet<usize> = self.piece.iter().copied().collect();
         let (mut reached, mut rim) = (inner.clone(), self.piece.to_vec());
@@ -289,7 +299,7 @@ impl BarePlace<'_> {
         reached.into_iter().filter(|i| !inner.contains(i) && counts(*i)).collect()
     }
 
-    /// Returns the pixels of the place that are not at its rim and are not beads.
+    /// Returns the pixels of the inner part: neither at the rim of the candidate nor in a bead.
     fn core_pixels(&self) -> Vec<usize> {
         let is_inner = |&i: &usize| {
             self.window.raster().neighbours(i, &DIRECT_NEIGHBOURS).all(|next| self.broke_s[next] < NOT_BROKEN)
@@ -298,8 +308,8 @@ impl BarePlace<'_> {
     }
 }
 
-/// Returns the largest brightness spread that the inner part of a break may have, from the film around the break and
-/// the noise.
+/// Returns the maximum brightness spread of the inner part of a break, from its contrast to the film around it and the
+/// noise.
 fn max_brightness_spread(core: &[usize], around: &[usize], seen: &impl PixelObservations) -> f32 {
     let mean = |pixels: &[usize], of: &dyn Fn(usize) -> f32| {
         pixels.iter().map(|&i| of(i)).sum::<f32>() / pixels.len().max(1) as f32
@@ -309,15 +319,15 @@ fn max_brightness_spread(core: &[usize], around: &[usize], seen: &impl PixelObse
     (MAX_UNEVENNESS * (bare - film)).hypot(NOISE_SPREAD_SIGMA * mean(core, &|i| seen.noise(i)))
 }
 
-/// Returns the interquartile range of the pixels' brightness; `None` for few pixels.
+/// Returns the interquartile range of the brightness of the pixels; `None` for too few pixels.
 fn spread(core: &[usize], seen: &impl PixelObservations) -> Option<f32> {
     let mut looks: Vec<f32> = core.iter().map(|&i| seen.bare_brightness_ratio(i)).collect();
     looks.sort_by(f32::total_cmp);
     (looks.len() >= MIN_CORE_PX).then(|| looks[looks.len() - 1 - looks.len() / 4] - looks[looks.len() / 4])
 }
 
-/// Returns whether a place has at least half of the inner pixels of a disc of its size. A trail and the edge of a
-/// reflection are thin and have fewer.
+/// Returns whether the candidate has at least half of the inner pixels of a disc with the same number of pixels. A
+/// trail and the edge of a reflection are thin and have fewer inner pixels.
 fn is_compact(size_px: usize, core_px: usize) -> bool {
     let radius_px = (size_px as f64 / PI).sqrt();
     core_px as f64 >= PI * (radius_px - RIM_WIDTH_PX).max(0.0).powi(2) / 2.0
@@ -329,7 +339,7 @@ fn share(pixels: &[usize], holds: impl Fn(usize) -> bool) -> f64 {
     if pixels.is_empty() { 1.0 } else { count as f64 / pixels.len() as f64 }
 }
 
-/// Returns whether the pixel lies at the window's edge.
+/// Returns whether the pixel lies at an edge of the window.
 fn is_at_window_edge(window: &Window, index: usize) -> bool {
     window.raster().neighbours(index, &DIRECT_NEIGHBOURS).count() < 4
 }
@@ -348,7 +358,7 @@ fn grow_breaks(window: &Window, broke_s: &mut [f32], looks_bare_since_s: impl Fn
     }
 }
 
-/// A film's model together with the region that is judged.
+/// The model of a film, together with the pixels of the region that is judged.
 pub struct ModelObservations<'a> {
     model: &'a Model,
     inside: &'a [bool],
@@ -356,15 +366,16 @@ pub struct ModelObservations<'a> {
 }
 
 impl<'a> ModelObservations<'a> {
-    /// Combines the model with the pixels that are judged.
+    /// Combines the model with a mask of the pixels that are judged.
     pub fn new(model: &'a Model, inside: &'a [bool]) -> Self {
         ModelObservations { model, inside, break_to_film: break_ratio_range(model) }
     }
 }
 
-/// Returns the smallest and the largest brightness of a break on a place without a dry look, relative to the brightness
-/// of its film. They are calculated from the film on the places that have a dry look, or from the assumed film if there
-/// are none. If the film is darker than the dry panel at some places and brighter at others, the result is `None`.
+/// Returns the minimum and the maximum brightness of a break at a pixel without a dry reference, relative to the
+/// brightness of its film. Both are calculated from the film at the pixels that have a dry reference, or from the
+/// assumed film if there are none. If the film is darker than the dry panel at some pixels and brighter at others, the
+/// result is `None`.
 pub fn break_ratio_range(model: &Model) -> Option<[f32; 2]> {
     let [low, high] = model.film_range().unwrap_or([ASSUMED_FILM_TRANSMISSION; 2]);
     let away = MIN_BREAK_CHANGE_SHARE * 2.0 * model.away_threshold();

@@ -2,10 +2,11 @@
 //!
 //! Breaks are the connected components of the broken film, each with its contour (thesis Fig. 4.17).
 //!
-//! Places that were already wet in the dry picture cannot be judged. Water that remained from rinsing darkens a place
-//! in the dry picture as a film does. Under the film such a place does not change, like a place on which no water
-//! stays. The dry picture distinguishes the two. A place that was dry then was as bright as its surroundings. A place
-//! that was wet then was darker: its ratio to the brightness of its surroundings was closer to τ than to 1.
+//! Places that were already wet in the dry picture cannot be judged. Water that remained from rinsing darkens the dry
+//! picture, as a film does. Under the film the brightness there does not change, as on a surface without water. The dry
+//! picture distinguishes the two cases. A dry place is as bright as its surroundings. A wet place is darker: the ratio
+//! of its brightness to that of its surroundings is closer to τ, the ratio of film brightness to dry brightness, than
+//! to 1.
 
 use super::break_mask::{FeatureSizes, FinalMask, ModelObservations, break_ratio_range, determine_breaks};
 use super::error::InspectError;
@@ -22,33 +23,33 @@ use panelprep_cell::imaging::{ImagingError, outer_contours};
 use panelprep_cell::panel::GridId;
 use std::f64::consts::PI;
 
-/// Area of the smallest sanding disc, mm²: 25 mm in diameter.
+/// Area of the smallest sanding disc (diameter 25 mm), mm².
 const MIN_DISC_MM2: f64 = PI * 12.5 * 12.5;
 
-/// The results of a test, with its verdict.
+/// The results of a water-break test, with its verdict.
 #[derive(Debug, Clone)]
 pub struct Inspection {
-    /// All numbers that were judged.
+    /// All checks of the test, with measured value and limit.
     pub checks: Vec<Check>,
-    /// Pass, fail or invalid, and why.
+    /// The verdict pass, fail or invalid, with its reasons.
     pub judgement: Judgement,
-    /// Evidence of the observation.
+    /// Evidence that the film was observed completely.
     pub observation: Observation,
-    /// The connected components of the broken film, largest first.
+    /// The connected components of the broken film, in the order of their size, the largest first.
     pub breaks: Vec<Break>,
-    /// Each grid, row by row.
+    /// The result of each grid, row by row.
     pub grids: Vec<GridInspection>,
-    /// The region in the picture, with grid edges for drawing.
+    /// The region in the picture, with the edges of the grids for drawing.
     pub footprint: Footprint,
     since_wet_s: Vec<f32>,
     unseen: Vec<bool>,
 }
 
 impl FilmWatch {
-    /// Ends the test.
+    /// Ends the test and judges it.
     ///
     /// # Errors
-    /// If there was no wet picture.
+    /// If the test has no wet picture.
     pub fn finish(mut self) -> Result<Inspection, InspectError> {
         if self.first_wet_s.is_none() {
             return Err(InspectError::NoWetPicture);
@@ -62,13 +63,13 @@ impl FilmWatch {
             let FinalMask { broke_s, unsure } = self.final_mask(since_wet_s, &inside);
             since_wet_s = broke_s;
             unsure.into_iter().for_each(|index| is_unsure[index] = true);
-            // Places that were already wet do not change under the film, like a break from the first moment on: they
-            // count as not seen.
+            // Places that were already wet do not change under the film, like a break at 0 s: they are treated as not
+            // seen.
             for index in self.initially_wet_pixels(&since_wet_s, &inside) {
                 (since_wet_s[index], was_wet[index]) = (NOT_BROKEN, true);
             }
         }
-        // With either method, a sanded place needs evidence that it was wet.
+        // With both methods, a sanded place is judged only if there is evidence that it was wet.
         let sanded = SandedPlaces {
             model: &self.model,
             window: self.footprint.window(),
@@ -88,11 +89,11 @@ impl FilmWatch {
         let mut faint_mm2 = vec![0.0; self.broken_mm2.len()];
         let faint: Vec<usize> = (0..inside.len()).filter(|&i| is_faint(i)).collect();
         faint.iter().for_each(|index| self.footprint.add_area(*index, &mut faint_mm2));
-        // A pixel that broke has a certain result, even if it was hidden at other times.
+        // A broken pixel has a certain result, even if it was hidden at other times.
         let is_lost = |index: usize| since_wet_s[index] == NOT_BROKEN && !model.was_observed(index);
         let not_seen: Vec<bool> =
             (0..inside.len()).map(|i| inside[i] && (was_wet[i] || is_unsure[i] || is_lost(i))).collect();
-        // This comes before the grids are evaluated, since each unseen place counts against its grid as if it might
+        // Unseen pixels are subtracted before the grids are evaluated, since each of them is treated as if it might
         // have broken.
         self.footprint.subtract_unseen(|index| not_seen[index]);
         let grids = self.grids(&since_wet_s, &was_wet, &faint_mm2);
@@ -155,12 +156,12 @@ impl FilmWatch {
         initially_wet_pixels(self.footprint.window(), &known)
     }
 
-    /// Evaluates each grid from the pixels that broke, in the order of their times.
+    /// Computes the result of each grid from the pixels that broke, in the order of their times.
     fn grids(&self, since_wet_s: &[f32], was_wet: &[bool], faint_mm2: &[f64]) -> Vec<GridInspection> {
         let mut broken: Vec<usize> =
             (0..since_wet_s.len()).filter(|&index| since_wet_s[index] < NOT_BROKEN).collect();
-        // Sorted by time and then by index: the time at which a grid failed must not depend on the order of equal
-        // times.
+        // Sorted by time and then by index, so that the time at which a grid failed does not depend on the order of
+        // equal times.
         broken.sort_by(|&a, &b| since_wet_s[a].total_cmp(&since_wet_s[b]).then(a.cmp(&b)));
         let mut broken_mm2 = vec![0.0; self.broken_mm2.len()];
         let mut time_to_break_s = vec![None; broken_mm2.len()];
@@ -179,8 +180,7 @@ impl FilmWatch {
         let grid = |index: usize| {
             let footprint = &self.footprint.grids()[index];
             let failed = time_to_break_s[index].is_some();
-            // The area that could not be seen must be so small that the grid would not fail even if all of it had
-            // broken in addition.
+            // The unseen area must be so small that the grid would not fail even if this area had broken as well.
             let no_contrast = faint_mm2[index] >= self.demands.min_break_mm2;
             let unknown_mm2 = footprint.lost_mm2 + faint_mm2[index];
             let might_break_mm2 = if failed { unknown_mm2 } else { broken_mm2[index] + unknown_mm2 };
@@ -202,23 +202,22 @@ impl FilmWatch {
 }
 
 impl Inspection {
-    /// Returns the pixels of the picture that broke.
+    /// Returns the broken pixels of the picture.
     pub fn mask(&self) -> Mask {
         self.footprint.to_picture(|index| self.since_wet_s[index] < NOT_BROKEN)
     }
 
-    /// Returns the pixels of the taught picture that broke.
+    /// Returns the broken pixels of the taught picture.
     pub fn broken_in_taught(&self) -> Mask {
         self.footprint.taught_pixels(&self.mask())
     }
 
-    /// Returns the pixels of the picture for which it is not known whether they broke; masked pixels are not
-    /// included.
+    /// Returns the pixels of the picture for which it is unknown whether they broke, without the masked pixels.
     pub fn unseen_pixels(&self) -> Mask {
         self.footprint.to_picture(|index| self.unseen[index])
     }
 
-    /// Returns the pixels of the picture that broke until this time after the first fully wet picture.
+    /// Returns the pixels of the picture that broke up to this time after the first fully wet picture, s.
     pub fn mask_at(&self, since_wet_s: f64) -> Mask {
         let until_s = (since_wet_s as f32).min(f32::MAX);
         self.footprint.to_picture(|index| self.since_wet_s[index] <= until_s)
@@ -239,7 +238,7 @@ pub struct Break {
     pub area_mm2: f64,
     /// Time at which the first pixel of the break broke, s after the first fully wet picture.
     pub first_seen_s: f64,
-    /// The fraction of the break over which the film had closed again at the end, 0…1.
+    /// Fraction of the break over which the film had closed again at the end, 0…1.
     pub closed_share: f64,
     /// The grids in which the break lies, row by row.
     pub grids: Vec<GridId>,
@@ -247,17 +246,17 @@ pub struct Break {
     pub contour_px: Vec<Pixel>,
 }
 
-/// A break counts as closed again if at least this fraction of its area is closed.
+/// Minimum fraction of a break over which the film has closed, for the break to be closed again.
 const MIN_CLOSED_SHARE: f64 = 0.8;
 
 impl Break {
-    /// Returns whether the film had closed over the break again at the end.
+    /// Returns whether the film had closed over the break at the end.
     pub fn has_closed_again(&self) -> bool {
         self.closed_share >= MIN_CLOSED_SHARE
     }
 }
 
-/// Returns the breaks of a window, largest first. A component without any surface is not a break.
+/// Returns the breaks within a window, the largest first. A component without surface area is not a break.
 pub fn breaks(
     footprint: &Footprint,
     since_wet_s: &[f32],
@@ -284,8 +283,8 @@ pub fn breaks(
     Ok(breaks)
 }
 
-/// Returns the outer contour of a single component. If all components were traced together, a component in the hole of
-/// another one would have no outer contour.
+/// Returns the outer contour of a single component. If all components were traced together, a component inside the hole
+/// of another component would have no outer contour.
 fn contour(footprint: &Footprint, piece: &[usize]) -> Result<Vec<Pixel>, ImagingError> {
     let places = || piece.iter().map(|&index| footprint.pixel_position(index));
     let (left, right) = min_and_max(places().map(|(column, _)| column));
@@ -302,28 +301,28 @@ fn min_and_max(values: impl Iterator<Item = usize>) -> (usize, usize) {
     values.fold((usize::MAX, 0), |(low, high), value| (low.min(value), high.max(value)))
 }
 
-/// A connected component with fewer pixels is noise.
+/// Minimum number of pixels of a connected component; smaller ones are noise.
 const MIN_COMPONENT_PX: usize = 4;
-/// The surroundings of a place lie at this distance from it, pixels: beyond a drop's soft edge.
+/// Distances from a dark component at which its surroundings are measured, px: beyond the soft edge of a drop.
 const SURROUNDING_DISTANCE_PX: std::ops::RangeInclusive<usize> = 4..=9;
-/// At least this fraction of the pixels of an initially wet place was wet in no later picture.
+/// Minimum fraction of the pixels of an initially wet component that were wet in no later picture.
 const MIN_NEVER_WET_SHARE: f64 = 0.5;
 
 /// The inputs for finding places that were already wet in the dry picture.
 pub struct DrynessInputs<'a> {
-    /// Whether the pixel broke, or was not wet in any picture.
+    /// Returns whether the pixel broke, or was wet in no picture.
     pub is_suspect: &'a dyn Fn(usize) -> bool,
-    /// Whether the pixel is evaluated and was not wet in any picture.
+    /// Returns whether the pixel is evaluated and was wet in no picture.
     pub never_wet: &'a dyn Fn(usize) -> bool,
-    /// Whether the pixel is evaluated.
+    /// Returns whether the pixel is evaluated.
     pub sees: &'a dyn Fn(usize) -> bool,
-    /// Dry brightness of a place.
+    /// Returns the dry brightness of a pixel.
     pub dry: &'a dyn Fn(usize) -> f64,
-    /// The ratio of the brightness under a film to the dry brightness.
+    /// The ratio τ of film brightness to dry brightness.
     pub film: f64,
 }
 
-/// Returns the pixels that were already wet when the panel should have been dry.
+/// Returns the pixels that were already wet in the dry picture.
 pub fn initially_wet_pixels(window: &Window, known: &DrynessInputs<'_>) -> Vec<usize> {
     let was_wet = |piece: &Vec<usize>| {
         let never_wet = piece.iter().filter(|i| (known.never_wet)(**i)).count() as f64;
@@ -331,7 +330,8 @@ pub fn initially_wet_pixels(window: &Window, known: &DrynessInputs<'_>) -> Vec<u
             && never_wet >= MIN_NEVER_WET_SHARE * piece.len() as f64
             && mean(&surrounding_pixels(window, piece, known), known.dry)
                 .zip(mean(piece, known.dry))
-                // The limit is halfway between the look of the dry surroundings and that of a film over them.
+                // The limit is halfway between the dry brightness of the surroundings and the brightness of a film over
+                // them.
                 .is_some_and(|(around, own)| own < around * (1.0 + known.film) / 2.0)
     };
     window
@@ -354,8 +354,7 @@ fn surrounding_pixels(window: &Window, piece: &[usize], known: &DrynessInputs<'_
         let next: Vec<usize> = rim.iter().flat_map(|&i| window.raster().neighbours(i, &ALL_NEIGHBOURS)).collect();
         rim = next.into_iter().filter(|&i| reached.insert(i)).collect();
         if SURROUNDING_DISTANCE_PX.contains(&away_px) {
-            // Another drop beside this one would make the surroundings look wet as well, and this drop would not be
-            // found.
+            // Another drop beside this one would also darken the surroundings, and this drop would not be detected.
             found.extend(rim.iter().copied().filter(|&i| (known.sees)(i) && !(known.is_suspect)(i)));
         }
     }
@@ -368,7 +367,8 @@ mod tests {
 
     const WINDOW: Window = Window { left: 0, top: 0, width: 40, height: 40 };
 
-    /// By hand, τ = 0.6: a place of 6 × 6 px is darker than its surroundings by more or less than (1 + 0.6)/2 = 0.8.
+    /// Expected values, calculated by hand for τ = 0.6: a component of 6 × 6 px is wet if its brightness is less than
+    /// (1 + 0.6)/2 = 0.8 of its surroundings.
     #[test]
     fn a_dark_place_was_wet_and_a_bright_one_never_was() {
         let place = |i: usize| (17..23).contains(&(i % 40)) && (17..23).contains(&(i / 40));

@@ -1,4 +1,4 @@
-//! The reasons why pictures cannot be inspected, as text for the person who recorded them.
+//! The errors of the water-break test, as text for the person who recorded the pictures.
 
 use panelprep_base::phase::Phase;
 use panelprep_cell::imaging::ImagingError;
@@ -7,7 +7,7 @@ use panelprep_cell::imaging::ImagingError;
 /// `invalid`.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum InspectError {
-    /// The picture is from another camera, or its size was changed.
+    /// The picture is from another camera, or was scaled.
     #[error(
         "the picture has {found_width}×{found_height} px, but the camera was calibrated for {width}×{height} px, \
          so the grids cannot be projected; record the pictures with the size of the calibration"
@@ -28,7 +28,7 @@ pub enum InspectError {
          clip"
     )]
     RegionNotInPicture,
-    /// Pictures out of order.
+    /// The times of the pictures do not increase.
     #[error("the picture at {time_s} s follows a picture at {previous_s} s; times must increase")]
     TimeOrder {
         /// The time of the picture, s.
@@ -49,19 +49,19 @@ pub enum InspectError {
         /// Phase of the previous picture.
         previous: Phase,
     },
-    /// The film has too many pictures.
+    /// The clip has too many wet pictures.
     #[error("the clip has more than {most} wet pictures; take fewer pictures per second")]
     TooManyPictures {
-        /// Largest allowed number of pictures.
+        /// Maximum number of pictures.
         most: usize,
     },
-    /// A film that lasts too long.
+    /// The wet phase of the clip is too long.
     #[error("the clip has wet pictures more than {most_s} s after the first one; end the clip sooner")]
     TooLong {
-        /// Longest allowed duration, s.
+        /// Maximum duration, s.
         most_s: f64,
     },
-    /// There is no wet picture.
+    /// The clip has no wet picture.
     #[error("the clip has no picture of phase wet; the first fully wet picture is the reference of the test")]
     NoWetPicture,
     /// OpenCV refused a picture.

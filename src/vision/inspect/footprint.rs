@@ -1,14 +1,14 @@
-//! The region as the camera sees it at the panel's present pose: the pixels that the region covers, and the surface of
-//! each.
+//! The region as the camera sees it at the panel's present pose: the pixels that show the region, and the surface area
+//! that each pixel shows.
 //!
-//! Each taught pixel of the region has a point P on the panel and a share of its surface in mm². The point is
-//! transformed to the camera by  P_camera = camera_from_base · base_from_panel · P  (Eq. 4.6, 4.7) and to a pixel by
-//! Eq. 3.11, once; the surface then belongs to the nearest pixel. If a pixel breaks, the surface that was assigned to
-//! it counts as broken. So area is measured on the curved panel, at the taught pose, and does not depend on the panel's
-//! present pose.
+//! Each taught pixel of the region has a point P on the panel and represents a surface area in mm². The point is
+//! transformed to the camera by  P_camera = camera_from_base · base_from_panel · P  (Eq. 4.6, 4.7) and projected to a
+//! pixel by Eq. 3.11. The area is then assigned to the nearest pixel. If this pixel breaks, the assigned area is
+//! treated as broken. Area is therefore measured on the curved panel, at the taught pose, and does not depend on the
+//! present pose of the panel.
 //!
-//! If the panel appears larger than at teaching, pixels between projected ones, which have no surface of their own,
-//! belong to the region too. A gap of one pixel is closed, so the panel may appear up to twice as large.
+//! If the panel appears larger than at teaching, some pixels between the projected ones have no assigned area; they
+//! belong to the region as well. A gap of one pixel is closed, so the panel may appear up to twice as large.
 
 use super::error::InspectError;
 use nalgebra::Point2;
@@ -21,22 +21,22 @@ use panelprep_cell::imaging::{ImagingError, with_operation};
 use panelprep_cell::panel::{GridId, TaughtPanel};
 use panelprep_cell::recipe;
 
-/// A grid counts as inspected if at least this fraction of its surface is in the picture; the rest is rounding at its
+/// Minimum fraction of a grid's surface in the picture, for the grid to be inspected; the rest is rounding at its
 /// edges.
 const MIN_SEEN_SHARE: f64 = 0.99;
 
-/// Number of pixels of the smallest break that each of the two methods finds reliably; a smaller break may be lost in
-/// its blurred rim. `make bench-inspect` prints the miss rate against size.
+/// Minimum number of pixels of a break that both methods detect reliably; a smaller break may be missed because of its
+/// blurred rim. `make bench-inspect` prints the miss rate as a function of the size.
 const MIN_DETECTABLE_PX: f64 = 12.0;
 
-/// Side of the squares over which the surface of a pixel is averaged, px.
+/// Side of the squares over which the surface area of a pixel is averaged, px.
 const AVERAGING_BLOCK_PX: usize = 16;
 
-/// The minimum margin of the window around the region, px, so that closing the mask does not reach the window's
-/// edge.
+/// Minimum margin of the window around the region, px, so that the closing of the mask does not reach the edge of the
+/// window.
 const MIN_MARGIN_PX: usize = 2;
 
-/// A rectangle of the picture.
+/// A rectangle of the picture, px.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Window {
     pub left: usize,
@@ -52,7 +52,7 @@ impl Window {
     }
 }
 
-/// The surface of a taught pixel, assigned to a pixel of the picture.
+/// The surface area of a taught pixel, assigned to a pixel of the picture.
 #[derive(Debug, Clone, Copy)]
 struct Patch {
     grid: u32,
@@ -62,38 +62,37 @@ struct Patch {
     sanded: bool,
 }
 
-/// The part of the taught region that is inspected.
+/// Defines which part of the taught region is inspected.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct InspectedPart<'a> {
-    /// The window is wider than the region by this margin, px.
+    /// Margin of the window around the region, px.
     pub margin_px: usize,
-    /// Quadrilaterals of the taught picture that are left out.
+    /// Quadrilaterals of the taught picture that are excluded.
     pub masked_px: &'a [[[f64; 2]; 4]],
-    /// Taught pixels that were sanded since the dry picture was taken.
+    /// Taught pixels that were sanded after the dry picture was captured.
     pub sanded: Option<&'a Mask>,
 }
 
-/// One grid as the camera sees it.
+/// A grid in the camera picture.
 #[derive(Debug, Clone)]
 pub struct GridFootprint {
     /// Its name.
     pub id: GridId,
-    /// The whole surface of the grid, mm².
+    /// Surface area of the whole grid, mm².
     pub area_mm2: f64,
-    /// The fraction of the grid that lies in the picture and is not masked, 0…1.
+    /// Fraction of the grid that is in the picture and not masked, 0…1.
     pub seen_share: f64,
-    /// The fraction of the grid that the recipe masks.
+    /// Fraction of the grid that the recipe masks, 0…1.
     pub masked_share: f64,
-    /// The area in the picture that carried no information, mm²: overexposed, or hidden by a reflection that does not
-    /// move.
+    /// Area in the picture without information, mm²: overexposed, or hidden by a static reflection.
     pub lost_mm2: f64,
-    /// The closed edge of the grid in the picture, px: curves on a curved panel under a real lens.
+    /// The closed outline of the grid in the picture, px: curved for a curved panel or a lens with distortion.
     pub edge_px: Vec<Pixel>,
 }
 
 impl GridFootprint {
-    /// Returns whether the whole grid lies in the picture and is not masked, even if parts of it carried no
-    /// information. Otherwise the grid cannot pass.
+    /// Returns whether the whole grid is in the picture and not masked, even if parts of it contain no information.
+    /// Otherwise the grid cannot pass.
     pub fn is_inspected(&self) -> bool {
         self.inspected_share() >= MIN_SEEN_SHARE
     }
@@ -102,21 +101,21 @@ impl GridFootprint {
         self.seen_share + if self.area_mm2 > 0.0 { self.lost_mm2 / self.area_mm2 } else { 0.0 }
     }
 
-    /// Returns whether the recipe masks a part of the grid, and no part is left out for another reason.
+    /// Returns whether the recipe masks a part of the grid, and no part is excluded for another reason.
     pub fn is_only_masked(&self) -> bool {
         self.masked_share > 0.0 && self.inspected_share() + self.masked_share >= MIN_SEEN_SHARE
     }
 }
 
-/// The region in the picture.
+/// The region in the camera picture, with its grids.
 #[derive(Debug, Clone)]
 pub struct Footprint {
     width_px: usize,
     height_px: usize,
-    /// Columns and rows of the taught picture.
+    /// Number of columns and rows of the taught picture.
     taught_px: [usize; 2],
     window: Window,
-    /// Pixels of the window that belong to the region.
+    /// For each pixel of the window, whether it belongs to the region.
     inside: Vec<bool>,
     /// The patches of the window's pixel `i` are `patches[starts[i]..starts[i + 1]]`.
     starts: Vec<u32>,
@@ -125,8 +124,8 @@ pub struct Footprint {
 }
 
 impl Footprint {
-    /// Projects the region's taught pixels, except those that are left out. The window is their bounding box with a
-    /// margin.
+    /// Projects the taught pixels of the region, except the excluded ones. The window is the bounding box of the
+    /// projected pixels with a margin.
     pub(super) fn new(
         taught: &TaughtPanel,
         camera: &PinholeCamera,
@@ -181,10 +180,10 @@ impl Footprint {
         })
     }
 
-    /// Returns the region as a camera sees it with the panel at this pose, without the places that the recipe masks.
+    /// Returns the region as a camera sees it with the panel at this pose, without the areas that the recipe masks.
     ///
     /// # Errors
-    /// If the region is not in the picture.
+    /// If the region is outside the picture.
     pub fn of_view(
         taught: &TaughtPanel,
         (camera, camera_from_panel): (&PinholeCamera, Rigid<Camera, Panel>),
@@ -194,10 +193,11 @@ impl Footprint {
         Footprint::new(taught, camera, camera_from_panel, InspectedPart { masked_px, ..InspectedPart::default() })
     }
 
-    /// Returns the smallest break that is reliably found, mm², with the taught panel at its nominal place.
+    /// Returns the area of the smallest break that is reliably detected, mm², with the taught panel at its nominal
+    /// pose.
     ///
     /// # Errors
-    /// If the region is not in the picture.
+    /// If the region is outside the picture.
     pub fn taught_detection_limit_mm2(
         taught: &TaughtPanel,
         settings: &recipe::Inspect,
@@ -211,13 +211,13 @@ impl Footprint {
         &self.grids
     }
 
-    /// Returns the region's pixels.
+    /// Returns the pixels of the picture that belong to the region.
     pub fn region(&self) -> Mask {
         self.to_picture(|index| self.inside[index])
     }
 
-    /// Returns for each pixel of the window whether it shows a place that was sanded after the dry picture. A pixel
-    /// between such pixels counts, too.
+    /// Returns for each pixel of the window whether it shows a place that was sanded after the dry picture. Pixels
+    /// between such pixels are included.
     pub(super) fn sanded_pixels(&self) -> Vec<bool> {
         let own: Vec<Option<bool>> = (0..self.inside.len())
             .map(|index| {
@@ -230,7 +230,7 @@ impl Footprint {
         (0..own.len()).map(|index| own[index].unwrap_or_else(|| self.inside[index] && near(index))).collect()
     }
 
-    /// Returns for each grid the fraction of its inspected part that was sanded after the dry picture.
+    /// Returns for each grid the fraction of its inspected area that was sanded after the dry picture.
     pub(super) fn sanded_shares(&self) -> Vec<f64> {
         let mut areas = vec![(0.0, 0.0); self.grids.len()];
         for patch in &self.patches {
@@ -241,8 +241,8 @@ impl Footprint {
         areas.into_iter().map(|(sanded, all)| sanded / all.max(f64::MIN_POSITIVE)).collect()
     }
 
-    /// Returns the broken surface of each grid if these pixels of the picture are broken, mm², in the order of the
-    /// grids. The mask has the picture's size.
+    /// Returns the broken area of each grid, mm², in the order of the grids, for a mask of broken pixels. The mask has
+    /// the size of the picture.
     pub fn broken_mm2(&self, mask: &Mask) -> Vec<f64> {
         let mut broken_mm2 = vec![0.0; self.grids.len()];
         for index in 0..self.inside.len() {
@@ -254,9 +254,9 @@ impl Footprint {
         broken_mm2
     }
 
-    /// Returns the pixels of the taught picture that these pixels of the picture show: this converts a place in a film
-    /// to a place on the panel. The mask has the picture's size. The taught pixels have exactly the surface that
-    /// [`Footprint::broken_mm2`] returns.
+    /// Returns the pixels of the taught picture that these pixels of the picture show. A place in the film picture is
+    /// thereby converted to a place on the panel. The mask has the size of the picture. The taught pixels have exactly
+    /// the surface area that [`Footprint::broken_mm2`] returns.
     pub fn taught_pixels(&self, mask: &Mask) -> Mask {
         let [width, height] = self.taught_px;
         let mut taught = Mask::all_outside(width, height);
@@ -270,9 +270,9 @@ impl Footprint {
         taught
     }
 
-    /// Returns the smallest break that is reliably found on this panel from the camera's position, mm²: the surface of
-    /// [`MIN_DETECTABLE_PX`] of the coarsest pixels. Of two neighbouring pixels one may contain two taught pixels and
-    /// the other none, so the surface is averaged over many.
+    /// Returns the area of the smallest break that is reliably detected on this panel from the position of the camera,
+    /// mm²: the area of [`MIN_DETECTABLE_PX`] pixels where the resolution is coarsest. Because one of two neighbouring
+    /// pixels may contain two taught pixels and the other none, the area is averaged over many pixels.
     pub fn detection_limit_mm2(&self) -> f64 {
         let across = self.window.width.div_ceil(AVERAGING_BLOCK_PX);
         let mut blocks = vec![(0.0, 0usize); across * self.window.height.div_ceil(AVERAGING_BLOCK_PX)];
@@ -286,12 +286,12 @@ impl Footprint {
         let is_full = |block: &&(f64, usize)| 2 * block.1 >= AVERAGING_BLOCK_PX * AVERAGING_BLOCK_PX;
         let coarsest =
             blocks.iter().filter(is_full).map(|(area_mm2, pixels)| area_mm2 / *pixels as f64).reduce(f64::max);
-        // A region with few pixels has no full block.
+        // A region with few pixels has no complete block.
         let all = self.inside.iter().filter(|inside| **inside).count().max(1) as f64;
         MIN_DETECTABLE_PX * coarsest.unwrap_or_else(|| self.region_mm2() / all)
     }
 
-    /// Returns the pixels of the picture that belong to each grid; a pixel with patches of two grids belongs to the
+    /// Returns the pixels of the picture that belong to each grid. A pixel with patches of two grids belongs to the
     /// grid of its first patch.
     pub(super) fn grid_pixels(&self) -> Vec<(GridId, Vec<usize>)> {
         let mut held: Vec<(GridId, Vec<usize>)> = self.grids.iter().map(|grid| (grid.id, Vec::new())).collect();
@@ -305,25 +305,25 @@ impl Footprint {
         held
     }
 
-    /// Returns the surface of the part of the region that is in the picture, mm².
+    /// Returns the surface area of the region in the picture, mm².
     pub(super) fn region_mm2(&self) -> f64 {
         self.patches.iter().map(|patch| f64::from(patch.area_mm2)).sum()
     }
 
-    /// Returns the surface of some of the window's pixels, mm².
+    /// Returns the surface area of some pixels of the window, mm².
     pub(super) fn surface_mm2(&self, pixels: impl Iterator<Item = usize>) -> f64 {
         let mut area_mm2 = vec![0.0; self.grids.len()];
         pixels.for_each(|index| self.add_area(index, &mut area_mm2));
         area_mm2.iter().sum()
     }
 
-    /// Returns the average number of pixels that cover this surface.
+    /// Returns the average number of pixels for this surface area.
     pub(super) fn pixels_for_area(&self, area_mm2: f64) -> usize {
         let inside = self.inside.iter().filter(|inside| **inside).count() as f64;
         (area_mm2 * inside / self.region_mm2().max(f64::MIN_POSITIVE)) as usize
     }
 
-    /// Subtracts the surface of pixels that were not seen from the seen share of their grids.
+    /// Subtracts the area of unseen pixels from the seen area of their grids.
     pub(super) fn subtract_unseen(&mut self, unseen: impl Fn(usize) -> bool) {
         let mut lost_mm2 = vec![0.0; self.grids.len()];
         for index in (0..self.inside.len()).filter(|&index| self.inside[index] && unseen(index)) {
@@ -344,25 +344,25 @@ impl Footprint {
         &self.inside
     }
 
-    /// Adds the surface of one of the window's pixels to its grids.
+    /// Adds the area of one pixel of the window to the area of its grids.
     pub(super) fn add_area(&self, index: usize, area_mm2: &mut [f64]) {
         for patch in &self.patches[self.starts[index] as usize..self.starts[index + 1] as usize] {
             area_mm2[patch.grid as usize] += f64::from(patch.area_mm2);
         }
     }
 
-    /// Returns the column and the row in the picture for one of the window's pixels.
+    /// Returns the column and the row of the picture for a pixel index of the window.
     pub(super) fn pixel_position(&self, index: usize) -> (usize, usize) {
         (self.window.left + index % self.window.width, self.window.top + index / self.window.width)
     }
 
-    /// Returns the window's index of a pixel of the picture.
+    /// Returns the index in the window of a pixel of the picture; `None` outside of the window.
     pub(super) fn window_index(&self, column: usize, row: usize) -> Option<usize> {
         let (column, row) = (column.checked_sub(self.window.left)?, row.checked_sub(self.window.top)?);
         (column < self.window.width && row < self.window.height).then_some(row * self.window.width + column)
     }
 
-    /// Makes a mask of the whole picture from a mask of the window.
+    /// Converts a mask of the window to a mask of the whole picture.
     pub(super) fn to_picture(&self, inside: impl Fn(usize) -> bool) -> Mask {
         let mut mask = Mask::all_outside(self.width_px, self.height_px);
         for index in (0..self.inside.len()).filter(|&index| inside(index)) {
@@ -373,7 +373,7 @@ impl Footprint {
     }
 }
 
-/// A pixel of the picture; sorted row by row.
+/// The position of a pixel in the picture; positions are sorted row by row.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 struct PixelPosition {
     row: usize,
@@ -401,7 +401,7 @@ fn patch_starts(held: &[(PixelPosition, Patch)], window: &Window) -> Vec<u32> {
     starts
 }
 
-/// Returns for each pixel of the window whether `holds` is true, with gaps of one pixel closed.
+/// Returns for each pixel of the window whether `holds` is true; gaps of one pixel are closed.
 fn closed(window: &Window, holds: impl Fn(usize) -> bool) -> Result<Vec<bool>, ImagingError> {
     let bytes: Vec<u8> = (0..window.width * window.height).map(|index| u8::from(holds(index))).collect();
     with_operation("the closing of the region's mask", closed_bytes(window, &bytes))
@@ -415,11 +415,11 @@ fn closed_bytes(window: &Window, bytes: &[u8]) -> opencv::Result<Vec<bool>> {
     Ok(closed.data_bytes()?.iter().map(|&byte| byte > 0).collect())
 }
 
-/// A pixel's surface is calculated from its neighbours up to this distance, px: far enough to average the scanner's
-/// noise, near enough for the panel's curvature.
+/// Maximum distance of the neighbouring pixels from which the area of a pixel is calculated, px: large enough to
+/// average the noise of the scanner, small enough for the curvature of the panel.
 const AREA_REACH_PX: usize = 3;
 
-/// A taught pixel of the region, before projection.
+/// A taught pixel of the region before its projection.
 pub struct Sample {
     pub grid: usize,
     /// Index of the pixel in the taught picture, row by row.
@@ -427,12 +427,12 @@ pub struct Sample {
     pub point: Option<Point<Panel>>,
     pub area_mm2: Option<f64>,
     pub masked: bool,
-    /// Whether the pixel was sanded after the dry picture was taken.
+    /// Whether the pixel was sanded after the dry picture was captured.
     pub sanded: bool,
 }
 
-/// Returns the region's taught pixels. A pixel without a point of its own, a drop-out, gets the surface that its
-/// neighbours define.
+/// Returns the taught pixels of the region. The area of a pixel without a measured point is calculated from its
+/// neighbours.
 pub fn region_samples(taught: &TaughtPanel, masked_px: &[[[f64; 2]; 4]], sanded: Option<&Mask>) -> Vec<Sample> {
     let masks: Vec<Vec<Pixel>> =
         masked_px.iter().map(|corners| corners.iter().map(|&[u, v]| Pixel::at(u, v)).collect()).collect();
@@ -456,8 +456,8 @@ pub fn region_samples(taught: &TaughtPanel, masked_px: &[[[f64; 2]; 4]], sanded:
     rows.flat_map(|row| columns.clone().map(move |column| (column, row))).filter_map(sample).collect()
 }
 
-/// Checks whether the neighbours that determine a pixel's surface are on the panel. Points of the background beyond the
-/// edge or behind a hole are far away.
+/// Checks whether the neighbouring pixels from which the area of a pixel is calculated are on the panel. Points of the
+/// background beyond the edge or behind a hole are far away.
 fn has_valid_neighbours(mask: &Mask, column: usize, row: usize) -> bool {
     let reach = AREA_REACH_PX as isize;
     [(-reach, 0), (reach, 0), (0, -reach), (0, reach)].into_iter().all(|(right, down)| {
@@ -468,14 +468,15 @@ fn has_valid_neighbours(mask: &Mask, column: usize, row: usize) -> bool {
     })
 }
 
-/// Returns the range of whole pixels from the smallest to the largest of these values, limited to the picture's length.
+/// Returns the range of whole pixels from the minimum to the maximum of these values, limited to the size of the
+/// picture.
 fn pixel_range(ends: [f64; 4], length: usize) -> std::ops::Range<usize> {
     let low = ends.into_iter().fold(f64::INFINITY, f64::min).max(0.0) as usize;
     let high = ends.into_iter().fold(0.0, f64::max) as usize + 1;
     low..high.min(length)
 }
 
-/// Returns for each grid the mean surface of a pixel, which is used for pixels beside a missing point.
+/// Returns the mean area of a pixel in each grid; it is used for pixels beside a missing point.
 pub fn mean_areas(samples: &[Sample], grids: usize) -> Vec<f64> {
     let mut sums = vec![(0.0, 0usize); grids];
     for sample in samples {
@@ -493,9 +494,9 @@ mod tests {
     use panelprep_cell::panel::flat::{FlatPanelOptions, taught};
     use panelprep_cell::recipe::Recipe;
 
-    /// By hand: at the taught pose each pixel of the picture shows the same taught pixel. With the panel 5 mm to the
-    /// right, which is 5 px, the pixel (105, 60) shows the taught pixel (100, 60). A pixel outside of the region shows
-    /// nothing.
+    /// Expected values, calculated by hand: at the taught pose each pixel of the picture shows the taught pixel with
+    /// the same position. With the panel 5 mm (5 px) to the right, the pixel (105, 60) shows the taught pixel (100,
+    /// 60). A pixel outside of the region shows no taught pixel.
     #[test]
     fn a_place_in_the_film_is_a_place_on_the_panel() {
         let taught = taught(&FlatPanelOptions::default());
@@ -517,9 +518,9 @@ mod tests {
         }
     }
 
-    /// By hand: a pixel of a flat panel that faces the camera is 1 mm², so twelve are 12 mm², wherever the region lies.
-    /// The background beyond the edge or behind a hole lies 160 mm farther away and is not part of the panel's surface.
-    /// If it counted, pixels at the edge would be up to 27 mm² each.
+    /// Expected values, calculated by hand: a pixel of a flat panel that faces the camera has 1 mm², so twelve pixels
+    /// have 12 mm², at any position of the region. The background beyond the edge or behind a hole lies 160 mm farther
+    /// away and does not belong to the panel. If it were included, pixels at the edge would have up to 27 mm² each.
     #[test]
     fn the_background_is_not_part_of_the_surface() {
         let text = "panel = \"p\"\n[region]\ncorners_px = [[0, 0], [9, 0], [9, 9], [0, 9]]\nrows = 1\ncolumns = 1\n\

@@ -1,14 +1,15 @@
-//! The gate: converts the observation of the film to the verdict pass, fail or invalid.
+//! The acceptance checks of the test: convert the observation of the film to the verdict pass, fail or invalid.
 //!
-//! The test is invalid if it cannot be judged: it has no dry picture, is too short, or has too few pictures or a gap
-//! between them. The same holds if its pictures are unusable, the panel is not at its pose, or the pixels are too
-//! coarse for the break that must not be missed. It is also invalid if too little of the region ever became wet, places
-//! were already wet in the dry picture, or a grid is out of view. Invalid outranks fail, since a verdict from an
-//! incomplete test would name only some of the grids. The test fails if the film broke on a grid. Grids that the recipe
-//! masks are not part of the test: a mask hides no break elsewhere, and masked grids do not pass. A break is always
-//! listed in the reasons.
+//! The test is invalid if it cannot be judged: it has no dry picture, is too short, has too few pictures, or has a gap
+//! between two of them. It is also invalid if its pictures are unusable, the panel is not at its pose, or the
+//! resolution is too coarse for the smallest break to detect. Further reasons are that too little of the region ever
+//! became wet, that places were already wet in the dry picture, and that a grid is out of view. Invalid outranks fail,
+//! since a verdict from an incomplete test would name only some of the grids. The test fails if the film broke on a
+//! grid. Grids that the recipe masks are not part of the test: they do not pass, but a break elsewhere is still
+//! reported. Every break is listed in the reasons.
 //!
-//! Two checks are made before the film runs: whether the panel is at its pose, and whether the pixels are fine enough.
+//! Two checks are made before the film runs: whether the panel is at its pose, and whether the resolution is
+//! sufficient.
 
 #[cfg(test)]
 mod tests;
@@ -20,31 +21,32 @@ use panelprep_base::number_text::distinguishable_texts;
 use panelprep_base::verdict::{Check, Judgement, Limit, LimitSource, Reason, Severity, Verdict};
 use panelprep_cell::recipe;
 
-/// A film must change the panel by at least this many times the clip's noise: the limit between wet and dry lies at
-/// half of the change, three times the noise from either.
+/// Minimum change of brightness by the film, as a multiple of the noise of the clip. The limit between wet and dry is
+/// half of the change, three times the noise from both.
 pub const MIN_CHANGE_TO_NOISE: f64 = 6.0;
 
-/// Names of the gate's checks. Those that are defined here do not belong to a single measured number of a film.
+/// Names of the checks of the test. The checks with a name defined here do not belong to a single measured value of a
+/// film.
 pub mod name {
     pub use panelprep_cell::record::name::{
         FILM_CHANGE, LIGHT_MIN, MAX_LIGHT_NAME, SMALLEST_BREAK, WATCHED_TIME_NAME, break_time_name, broken_film,
     };
 
-    /// Whether the dry panel was seen.
+    /// Whether there is a picture of the dry panel.
     pub const DRY_PICTURE: &str = "a picture of the dry panel";
-    /// The first picture's own sharpness.
+    /// Sharpness of the first picture, without comparison with the dry picture.
     pub const FIRST_SHARPNESS: &str = "sharpness of the first picture";
     /// Grids with places that were wet in the dry picture.
     pub const WET_GRIDS: &str = "grids that were wet in the dry picture";
-    /// Grids with places at which a break would not be visible.
+    /// Grids with places at which a break would not be visible, because film and dry panel are equally bright.
     pub const FAINT_GRIDS: &str = "grids with places that look wet as they do dry";
-    /// Grids that were not wholly seen.
+    /// Grids of which a part was not seen.
     pub const UNSEEN_GRIDS: &str = "grids that were not wholly seen";
     /// Grids that the recipe masks.
     pub const MASKED_GRIDS: &str = "grids that the recipe masks";
 }
 
-/// A test with all numbers that were judged.
+/// The result of a test: all checks and the judgement.
 pub struct JudgedFilm {
     /// The checks, in the order in which they are judged.
     pub checks: Vec<Check>,
@@ -52,8 +54,8 @@ pub struct JudgedFilm {
     pub judgement: Judgement,
 }
 
-/// Judges a test. A check that makes the test invalid has the verdict reject. A grid that failed, or that was not
-/// inspected, needs a review: a film that is otherwise valid then fails or is incomplete.
+/// Judges a test. A check that makes the test invalid has the verdict reject. A grid that failed, or was not inspected,
+/// has the verdict review: an otherwise valid test then has the verdict fail, or is incomplete.
 pub fn judge(
     observation: &Observation,
     grids: &[GridInspection],
@@ -73,13 +75,13 @@ pub fn judge(
     let verdict = match judgement.verdict {
         Verdict::Accept => Verdict::Pass,
         Verdict::Review if grids.iter().any(|grid| grid.failed) => Verdict::Fail,
-        // A grid that was not inspected may be broken: it does not pass.
+        // A grid that was not inspected may be broken, so it does not pass.
         _ => Verdict::Invalid,
     };
     JudgedFilm { checks, judgement: Judgement { verdict, ..judgement } }
 }
 
-/// A film that was watched, and the requirements of its test.
+/// An observed film, with the requirements of its test.
 struct WatchedFilm<'a> {
     observation: &'a Observation,
     grids: &'a [GridInspection],
@@ -88,7 +90,7 @@ struct WatchedFilm<'a> {
 }
 
 impl WatchedFilm<'_> {
-    /// Checks whether the film was watched for long enough, with a dry picture and without a gap.
+    /// Checks whether the film was observed for long enough, with a dry picture and without a gap.
     fn check_watched(&self) -> Vec<Check> {
         let Observation { observed_s, frames, longest_gap_s, has_dry, .. } = *self.observation;
         let demands = self.demands;
@@ -120,8 +122,8 @@ impl WatchedFilm<'_> {
         ]
     }
 
-    /// Checks whether the panel is at the pose at which the grids are evaluated, and whether the pixels are fine
-    /// enough.
+    /// Checks whether the panel is at the pose at which the grids are evaluated, and whether the resolution is
+    /// sufficient.
     fn check_panel_position(&self) -> Vec<Check> {
         let Observation { has_dry, is_place_assumed, detection_limit_mm2, .. } = *self.observation;
         let off_px = self.observation.quality.off_px;
@@ -139,7 +141,7 @@ impl WatchedFilm<'_> {
         ]
     }
 
-    /// Checks whether the pictures are usable for a judgement.
+    /// Checks whether the pictures are usable.
     fn check_pictures(&self) -> Vec<Check> {
         let (observation, quality) = (self.observation, &self.observation.quality);
         let (change, min_change) = (observation.change_levels, MIN_CHANGE_TO_NOISE * observation.noise_levels);
@@ -202,7 +204,7 @@ impl WatchedFilm<'_> {
         )
     }
 
-    /// Checks whether the panel was dry before, and wet everywhere afterwards.
+    /// Checks whether the panel was dry before the spray, and completely wet after it.
     fn check_wetting(&self) -> Vec<Check> {
         let (observation, allowed_percent) = (self.observation, self.settings.max_never_wet_percent());
         let is_dry_somewhere = observation.has_dry && observation.never_wet_percent > allowed_percent;
@@ -233,7 +235,7 @@ impl WatchedFilm<'_> {
     /// Checks how much of each grid was seen, and on which grids the film broke.
     fn check_grids(&self) -> Vec<Check> {
         let (grids, min_break_mm2) = (self.grids, self.demands.min_break_mm2);
-        // A failed grid stays failed, whatever else on it could not be seen: it is abraded and tested again.
+        // A failed grid stays failed even if another part of it was not seen: it is sanded and tested again.
         let faint = names(grids, |grid| !grid.failed && grid.no_contrast);
         let unseen = names(grids, |grid| {
             !grid.failed && !grid.seen && !grid.only_masked && !grid.wet_when_dry && !grid.no_contrast
@@ -311,14 +313,14 @@ fn describe_broken(min_break_mm2: f64, grids: &[GridInspection]) -> String {
     format!("the film broke on {}; a grid fails from {min_break_mm2:.1} mm²", failed.join(", "))
 }
 
-/// Largest accepted distance between the panel's outline in the dry picture and its position calculated from the pose,
-/// px. If the panel is in place, errors of pose and calibration cause a distance of a few tenths of a pixel.
+/// Maximum distance between the panel's outline in the dry picture and the outline calculated from the pose, px. If the
+/// panel is in place, errors of pose and calibration cause a distance of a few tenths of a pixel.
 pub const MAX_OUTLINE_OFFSET_PX: f64 = 1.5;
 
-/// Returns a reason if breaks that must fail a grid may be missed, because the smallest break that is reliably found is
+/// Returns a reason if breaks that must fail a grid may be missed, because the smallest reliably detected break is
 /// larger than the smallest break that fails a grid.
 pub fn too_coarse(detection_limit_mm2: f64, min_break_mm2: f64) -> Option<Reason> {
-    // If a value is NaN, the limit is not met.
+    // A NaN does not meet the limit.
     let is_fine = detection_limit_mm2 <= min_break_mm2;
     (!is_fine).then(|| {
         let message = format!(
@@ -331,7 +333,7 @@ pub fn too_coarse(detection_limit_mm2: f64, min_break_mm2: f64) -> Option<Reason
     })
 }
 
-/// Returns the reason if the panel is not at the pose at which the grids are evaluated.
+/// Returns a reason if the panel is not at the pose at which the grids are evaluated.
 pub fn displaced_panel_reason(off_px: Option<f64>, (assumed, has_dry): (bool, bool)) -> Option<Reason> {
     let message = match off_px {
         Some(off_px) if off_px <= MAX_OUTLINE_OFFSET_PX => return None,
@@ -353,14 +355,14 @@ pub fn displaced_panel_reason(off_px: Option<f64>, (assumed, has_dry): (bool, bo
     Some(Reason::new("elsewhere", format!("{message}: {remedy}")))
 }
 
-/// Returns the flaw that most of the unusable pictures have; if several flaws are equally frequent, the first of them.
+/// Returns the most frequent flaw of the unusable pictures; if several flaws are equally frequent, the first of them.
 fn most_frequent_flaw(quality: &Quality) -> (Flaw, FlawedPictures) {
     Flaw::ALL.iter().copied().zip(quality.flawed).fold((Flaw::Darker, FlawedPictures::default()), |most, found| {
         if found.1.pictures > most.1.pictures { found } else { most }
     })
 }
 
-/// Describes a flaw: the worst measured value and the limit.
+/// Describes a flaw with its worst measured value and its limit.
 fn describe_flaw(flaw: Flaw, worst: f64, observation: &Observation, settings: &recipe::Inspect) -> String {
     let [darker_percent, brighter_percent] = observation.light_limits_percent(settings);
     let (limit, decimals) = match flaw {

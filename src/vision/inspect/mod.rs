@@ -1,19 +1,20 @@
 //! The water-break test: where, when and on what area the water film broke (thesis 4.2–4.4, Fig. 4.9).
 //!
-//! **A grid passes only on positive evidence of an unbroken film.** Each place is compared with its own wet look and,
-//! if it still has one, its own dry look ([`model`] states the rule and the limits). The thesis's own pipeline
-//! ([`thesis`]) can be chosen instead (`method = "thesis"`). The taught pixels of the region are projected to the
-//! panel's present pose and convert broken pixels into mm² of each grid ([`footprint`]). Each picture is checked for
-//! whether it can be used ([`quality`], [`steady`]). At the end the broken pixels are combined into breaks
-//! ([`conclude`], [`break_mask`]), without those that were already wet in the dry picture. One gate derives a verdict
+//! **A grid passes only on positive evidence of an unbroken film.** Each pixel is compared with the brightness of its
+//! own film and, if it still has one, with its dry reference ([`model`] states the rule and the limits). The thesis's
+//! pipeline ([`thesis`]) can be chosen instead (`method = "thesis"`). The taught pixels of the region are projected to
+//! the present pose of the panel and convert broken pixels into mm² of each grid ([`footprint`]). Each picture is
+//! checked for usability ([`quality`], [`steady`]). At the end the broken pixels are combined into breaks
+//! ([`conclude`], [`break_mask`]), without the places that were already wet in the dry picture. The verdict is derived
 //! from all results ([`gate`]). Pictures are processed one by one and not stored, so that memory does not grow with the
 //! length of the clip.
 //!
-//! A dry picture before the spray is part of the test: it determines the lamp, the panel's place and the dry look of
-//! every place that was not sanded since. A place that never becomes wet, or dries under the spray, is a break at 0 s.
+//! A dry picture before the spray is part of the test. It is the reference for the lamp, the position of the panel and
+//! the dry brightness of every place that was not sanded since. A place that never becomes wet, or dries under the
+//! spray, is a break at 0 s.
 //!
-//! Times are counted from the first fully wet picture, by the pictures' timestamps. This module does not locate the
-//! panel and draws nothing. [`InspectError`] states why pictures cannot be inspected, as text for the person who
+//! Times are counted from the first fully wet picture, by the timestamps of the pictures. This module does not locate
+//! the panel and draws nothing. [`InspectError`] states why pictures cannot be inspected, as text for the person who
 //! recorded them.
 
 mod advice;

@@ -1,32 +1,32 @@
-//! Finds places that differ from their surroundings and are narrower than a disc.
+//! Finds areas that differ from their surroundings and are narrower than a disc.
 //!
-//! An opening by reconstruction (Vincent, IEEE T-IP 2, 1993) with a disc removes every place of any shape that is
-//! brighter than its surroundings and cannot contain such a disc. Everything else stays unchanged, including its
-//! corners. A closing does the same for darker places.
+//! An opening by reconstruction (Vincent, IEEE T-IP 2, 1993) with a disc removes every area of any shape that is
+//! brighter than its surroundings and too narrow for the disc. Everything else stays unchanged, including its corners.
+//! A closing removes darker areas in the same way.
 
 use super::footprint::Window;
 use opencv::core::{self, Mat, MatTraitConstManual, Point, Scalar, Size};
 use opencv::imgproc;
 
-/// The brightness levels of a window's pixels.
+/// The film brightness of the pixels of a window, with the parameters of the search.
 pub struct BrightnessLevels<'a> {
     pub window: &'a Window,
-    /// Brightness, levels; 0 for a pixel of unknown brightness.
+    /// Brightness, grey levels; 0 for a pixel of unknown brightness.
     pub levels: Vec<f32>,
-    /// The radius of the disc, px.
+    /// Radius of the disc, px.
     pub disc_px: usize,
-    /// The smallest relative difference between a place and its surroundings that counts; used if it is not known
-    /// whether breaks are brighter or darker than film.
+    /// Minimum relative difference between an area and its surroundings; used if it is unknown whether breaks are
+    /// brighter or darker than film.
     pub tolerance: f32,
 }
 
-/// A level above the brightness of any pixel.
+/// A level above the brightness of every pixel.
 const MAX_LEVELS: f32 = 1024.0;
 
 impl BrightnessLevels<'_> {
-    /// Finds pixels that lie in places too narrow for the disc and that differ from their surroundings as a break
-    /// differs from its film: by at least these ratios, in which 1 means no difference. If it is not known whether
-    /// breaks are brighter or darker, pixels that differ in either direction are returned.
+    /// Finds pixels in areas that are too narrow for the disc and differ from their surroundings as a break differs
+    /// from its film. The minimum difference is given by `break_to_film`, ratios in which 1 means no difference. If it
+    /// is unknown whether breaks are brighter or darker, pixels that differ in either direction are returned.
     ///
     /// # Errors
     /// If OpenCV refuses the picture.
@@ -40,7 +40,7 @@ impl BrightnessLevels<'_> {
             let bright = |look: f32, around: f32| look >= least * around;
             return self.opening_outliers(&self.levels, bright);
         }
-        // Darker places are found as brighter places of the negative.
+        // Darker areas are found as brighter areas of the negative.
         let negative: Vec<f32> =
             self.levels.iter().map(|&look| if look > 0.0 { MAX_LEVELS - look } else { 0.0 }).collect();
         self.opening_outliers(&negative, |look, around| MAX_LEVELS - look <= most * (MAX_LEVELS - around))
@@ -49,7 +49,7 @@ impl BrightnessLevels<'_> {
     /// Finds the pixels of known brightness that differ from the result of an opening by reconstruction.
     fn opening_outliers(&self, picture: &[f32], is_apart: impl Fn(f32, f32) -> bool) -> opencv::Result<Vec<bool>> {
         let (rows, columns) = (self.window.height as i32, self.window.width as i32);
-        // Unknown pixels must not form an edge of a place: they have the highest brightness for the erosion, and are
+        // Unknown pixels must not form an edge of an area: they have the highest brightness for the erosion, and are
         // dark for the reconstruction.
         let open: Vec<f32> = picture.iter().map(|&look| if look > 0.0 { look } else { MAX_LEVELS }).collect();
         let open = Mat::new_rows_cols_with_data(rows, columns, &open)?;
@@ -62,8 +62,8 @@ impl BrightnessLevels<'_> {
         imgproc::erode(&open, &mut eroded, &disc, Point::new(-1, -1), 1, border, outside)?;
         core::min(&eroded, &picture_mat, &mut opened)?;
         let square = imgproc::get_structuring_element(imgproc::MORPH_RECT, Size::new(3, 3), Point::new(-1, -1))?;
-        // Each step reaches one pixel farther. The loop ends when nothing changes, at the latest after as many
-        // steps as the window has pixels.
+        // Each iteration reaches one pixel farther. The loop ends when nothing changes, at the latest after as many
+        // iterations as the window has pixels.
         for _ in 0..picture.len() {
             let (mut wider, mut next) = (Mat::default(), Mat::default());
             imgproc::dilate(&opened, &mut wider, &square, Point::new(-1, -1), 1, border, Scalar::all(0.0))?;
@@ -86,17 +86,17 @@ mod tests {
     const SIDE: usize = 60;
     const WINDOW: Window = Window { left: 0, top: 0, width: SIDE, height: SIDE };
 
-    /// Returns how many pixels of a picture with these levels are narrow, for breaks with these ratios to their
-    /// film.
+    /// Returns the number of narrow pixels of a picture with these levels, for breaks with these ratios to their film.
     fn narrow_pixels(break_to_film: Option<[f32; 2]>, look: impl Fn(usize, usize) -> f32) -> usize {
         let levels = (0..SIDE * SIDE).map(|i| look(i % SIDE, i / SIDE)).collect();
         let looks = BrightnessLevels { window: &WINDOW, levels, disc_px: 6, tolerance: 0.1 };
         looks.narrow_pixels(break_to_film).expect("a picture").iter().filter(|narrow| **narrow).count()
     }
 
-    /// Calculated by hand: a film of 30 levels and a square of 45 levels, 1.5 times as bright. A square of 8 px cannot
-    /// contain a disc of 13 px and counts, with its 64 px. A square of 20 px contains the disc and does not count, nor
-    /// do its corners. A square that is 1.2 times as bright is not a break.
+    /// Expected values, calculated by hand: the film has 30 levels and a square has 45 levels, 1.5 times as bright. A
+    /// square of 8 px is too narrow for a disc of 13 px, so its 64 px are returned. A square of 20 px contains the
+    /// disc, so none of its pixels is returned, not even at its corners. A square that is 1.2 times as bright is not a
+    /// break.
     #[test]
     fn a_place_that_cannot_contain_the_disc_is_narrow() {
         let square = |side: usize, bright: f32| {
@@ -108,17 +108,17 @@ mod tests {
         assert_eq!(narrow_pixels(darker_film, square(8, 45.0)), 64);
         assert_eq!(narrow_pixels(darker_film, square(20, 45.0)), 0);
         assert_eq!(narrow_pixels(darker_film, square(8, 36.0)), 0);
-        // The film is brighter than the dry panel: a level of 18 of 30 is a break, a level of 45 is not.
+        // If the film is brighter than the dry panel, 18 of 30 levels are a break, 45 levels are not.
         assert_eq!(narrow_pixels(Some([0.4, 0.7]), square(8, 18.0)), 64);
         assert_eq!(narrow_pixels(Some([0.4, 0.7]), square(8, 45.0)), 0);
-        // It is not known how breaks differ: pixels that differ by more than 10 % in either direction count.
+        // If it is unknown how breaks differ, pixels that differ by more than 10 % in either direction are returned.
         assert_eq!(narrow_pixels(None, square(8, 34.0)), 64);
         assert_eq!(narrow_pixels(None, square(8, 26.0)), 64);
         assert_eq!(narrow_pixels(None, square(8, 32.0)), 0);
     }
 
-    /// The transition at the edge of a brighter region is narrow, but belongs to the region; next to unknown pixels
-    /// nothing is narrow.
+    /// The transition at the edge of a brighter region is narrow but belongs to the region. Beside unknown pixels no
+    /// pixel is narrow.
     #[test]
     fn an_edge_of_a_region_is_not_narrow() {
         let region = |column: usize, _: usize| match column {

@@ -1,4 +1,5 @@
-//! The data that the gate judges: the requirements of a test, how its film was observed, and the result of each grid.
+//! The data for the acceptance checks: the requirements of a test, how its film was observed, and the result of each
+//! grid.
 
 use super::model::ASSUMED_FILM_TRANSMISSION;
 use super::quality::{Quality, max_brighter_percent};
@@ -7,38 +8,38 @@ use panelprep_cell::cell::Limits;
 use panelprep_cell::panel::GridId;
 use panelprep_cell::recipe::{self, Recipe};
 
-/// Smallest fraction of the film's duration that usable pictures must cover.
+/// Minimum fraction of the duration of the film that usable pictures must cover.
 const MIN_USABLE_SHARE: f64 = 0.8;
-/// The time between two pictures is a gap if it exceeds this number of the recipe's intervals, unless a break must last
-/// even longer to count.
+/// Maximum time between two pictures, in intervals of the recipe; a longer time is a gap, unless `persist_s` is even
+/// longer.
 const MAX_GAP_INTERVALS: f64 = 5.0;
 
-/// States which demands come from the cell's file because the recipe does not state them.
+/// States which requirements come from the cell's file, because the recipe does not state them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct CellDemands {
-    /// Whether the cell's file states how long the film is watched.
+    /// Whether the cell's file states the duration of the observation.
     pub observation: bool,
     /// Whether the cell's file states the area of broken film from which a grid fails.
     pub min_break: bool,
 }
 
-/// The requirements of a test: the recipe's values, or the cell's if the recipe has none.
+/// The requirements of a test: the values of the recipe, or of the cell's file if the recipe states none.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Demands {
-    /// How long the film is watched, s.
+    /// Duration of the observation of the film, s.
     pub observation_s: f64,
     /// Pictures a second.
     pub frames_per_second: f64,
-    /// The area of broken film from which a grid fails, mm².
+    /// Minimum area of broken film with which a grid fails, mm².
     pub min_break_mm2: f64,
-    /// How long a place must be seen dry to count as broken, s.
+    /// Minimum time for which a broken place appears dry, s.
     pub persist_s: f64,
-    /// Source of these criteria.
+    /// Which of these requirements come from the cell's file.
     pub cell_demands: CellDemands,
 }
 
 impl Demands {
-    /// Creates the demands of a recipe in a cell with these limits.
+    /// Creates the requirements of a recipe in a cell with these limits.
     pub fn from_recipe(recipe: &Recipe, limits: &Limits) -> Self {
         Demands {
             observation_s: recipe.process().observation_s().unwrap_or(limits.observation_s()),
@@ -52,8 +53,8 @@ impl Demands {
         }
     }
 
-    /// Returns for how long the film must be recorded, s: a break at the end of the observation must still be seen for
-    /// long enough to count.
+    /// Returns the time for which the film must be recorded, s: a break at the end of the observation must still be
+    /// visible for `persist_s`.
     pub fn filmed_s(&self) -> f64 {
         self.observation_s + self.persist_s
     }
@@ -72,18 +73,18 @@ impl Demands {
         }
     }
 
-    /// Returns the smallest accepted time from the first to the last wet picture, s: the last picture of the
-    /// observation may be taken one interval before its end.
+    /// Returns the minimum time from the first to the last wet picture, s: the last picture may be captured one
+    /// interval before the end of the observation.
     pub fn min_observed_s(&self) -> f64 {
         self.observation_s - picture_interval_s(self.frames_per_second)
     }
 
-    /// Returns how long a film must be seen in usable pictures, s.
+    /// Returns the minimum time that usable pictures of the film must cover, s.
     pub fn min_usable_s(&self, observed_s: f64) -> f64 {
         MIN_USABLE_SHARE * observed_s
     }
 
-    /// Returns the longest accepted time between two wet pictures, s: a longer gap could hide a break that counts.
+    /// Returns the maximum time between two wet pictures, s: a longer gap could hide a break.
     pub fn max_gap_s(&self) -> f64 {
         (MAX_GAP_INTERVALS / self.frames_per_second).max(self.persist_s)
     }
@@ -95,14 +96,14 @@ pub fn picture_interval_s(frames_per_second: f64) -> f64 {
     1.001 / frames_per_second
 }
 
-/// The reference with which the places of a grid were compared.
+/// The reference with which the pixels of a grid were compared.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ComparisonReference {
-    /// Their own dry look and their own wet look.
+    /// Dry appearance and wet appearance of each pixel.
     DryAndWet,
-    /// Only their own wet look: the grid was sanded since the dry picture, or there is no dry picture.
+    /// Only the wet appearance of each pixel: the grid was sanded since the dry picture, or there is no dry picture.
     Wet,
-    /// Both looks for a part of the grid, only the wet look for the rest.
+    /// Dry and wet appearance for a part of the grid, only wet appearance for the rest.
     Both,
 }
 
@@ -116,7 +117,7 @@ impl ComparisonReference {
         }
     }
 
-    /// Returns the description, as text for a person.
+    /// Returns the description of the reference, as text for a person.
     pub fn describe(self) -> &'static str {
         match self {
             ComparisonReference::DryAndWet => "dry and wet look",
@@ -131,16 +132,16 @@ impl ComparisonReference {
 pub struct GridInspection {
     /// Its name.
     pub id: GridId,
-    /// The reference with which the grid's places were compared.
+    /// The reference with which the pixels of the grid were compared.
     pub reference: ComparisonReference,
     /// Whether at least `min_break_mm2` of film broke on the grid.
     pub failed: bool,
     /// Whether the grid was seen completely, except for areas too small to make it fail. A grid that was not seen
-    /// completely is not passed.
+    /// completely does not pass.
     pub seen: bool,
-    /// Whether every part that was not seen is masked by the recipe.
+    /// Whether every unseen part is masked by the recipe.
     pub only_masked: bool,
-    /// Whether film and dry panel look alike on an area so large that a break there would fail the grid.
+    /// Whether film and dry panel have the same appearance on an area so large that a break there would fail the grid.
     pub no_contrast: bool,
     /// Whether an area so large that a break there would fail the grid was already wet in the dry picture.
     pub wet_when_dry: bool,
@@ -155,34 +156,33 @@ pub struct GridInspection {
 pub struct Observation {
     /// Time from the first to the last wet picture, s.
     pub observed_s: f64,
-    /// Number of wet pictures, including the reference.
+    /// Number of wet pictures, including the reference picture.
     pub frames: usize,
-    /// The longest time between two wet pictures, s.
+    /// Longest time between two wet pictures, s.
     pub longest_gap_s: f64,
-    /// The area of broken film from which a grid fails, mm².
+    /// Minimum area of broken film with which a grid fails, mm².
     pub min_break_mm2: f64,
-    /// Whether a dry picture was taken.
+    /// Whether a dry picture was captured.
     pub has_dry: bool,
-    /// Fraction of the region's surface that was not wet in any picture, percent.
+    /// Percentage of the surface of the region that was wet in no picture.
     pub never_wet_percent: f64,
-    /// The fraction of the panel's dry brightness that remains under the film, 0…1, if the clip determined it.
+    /// Ratio of the brightness under the film to the dry brightness, 0…1, if the clip determined it.
     pub film_left: Option<f64>,
-    /// Change of the panel's brightness that the film causes, grey levels: the median over the region, if the clip
-    /// determined it.
+    /// Change of brightness by the film, grey levels: the median over the region, if the clip determined it.
     pub change_levels: Option<f64>,
-    /// The clip's noise: the standard deviation of a pixel of the film from picture to picture, grey levels.
+    /// Noise of the clip: the standard deviation of a pixel of the film from picture to picture, grey levels.
     pub noise_levels: f64,
-    /// The smallest break that is reliably found, mm².
+    /// Area of the smallest break that is reliably detected, mm².
     pub detection_limit_mm2: f64,
-    /// Whether the panel's pose is assumed, because none was stated.
+    /// Whether the pose of the panel is assumed, because none was stated.
     pub is_place_assumed: bool,
-    /// Quality of the observation.
+    /// The quality of the pictures.
     pub quality: Quality,
 }
 
 impl Observation {
-    /// Returns by how much the light may at most decrease and increase relative to the dry picture and still be
-    /// compensated, percent.
+    /// Returns the maximum decrease and the maximum increase of the light that can be compensated, relative to the dry
+    /// picture, percent.
     pub fn light_limits_percent(&self, settings: &recipe::Inspect) -> [f64; 2] {
         let brighter = max_brighter_percent(self.film_left.unwrap_or(ASSUMED_FILM_TRANSMISSION), settings);
         [settings.max_light_change_percent(), brighter]

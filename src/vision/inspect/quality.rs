@@ -1,38 +1,38 @@
-//! Decides whether each picture can be used. States what is wrong with the pictures that cannot be used, and how long
-//! the film was not observed because of them.
+//! Decides whether each picture can be used, records the flaws of unusable pictures, and measures for how long the film
+//! was not observed because of them.
 
 use super::model::PictureMeasurement;
 use super::steady::OutlineMeasurement;
 use panelprep_cell::recipe;
 use strum::{EnumCount, VariantArray};
 
-/// A picture with less than this fraction of the first picture's sharpness is out of focus.
+/// Minimum sharpness of a picture, as a fraction of the sharpness of the first picture.
 pub const MIN_SHARPNESS: f64 = 0.6;
-/// The first picture counts as not sharp if its sharpness is below this value. The sharpness is the largest step from
-/// pixel to pixel as a fraction of the contrast of the edge.
+/// Minimum sharpness of the first picture. The sharpness is the largest step from pixel to pixel, as a fraction of the
+/// contrast of the edge.
 pub const MIN_FIRST_SHARPNESS: f64 = 0.2;
 
-/// A reason why a picture cannot be used for the judgement.
+/// A reason why a picture cannot be judged.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, EnumCount, VariantArray)]
 pub enum Flaw {
-    /// There is less light than can be compensated.
+    /// The light decreased by more than can be compensated.
     Darker,
-    /// There is more light than can be compensated, or the film broke everywhere: the two cannot be distinguished.
+    /// The light increased by more than can be compensated, or the film broke everywhere: the two cannot be
+    /// distinguished.
     Brighter,
-    /// The lamp flickers, and it cannot be determined whether the lamp or water darkened the surroundings of the
-    /// panel.
+    /// The lamp flickers, and it cannot be determined whether the lamp or water darkened the surroundings of the panel.
     Flicker,
     /// Too much of the region is overexposed.
     Bright,
-    /// The panel is not at the same place as before.
+    /// The panel moved since the first picture.
     Moved,
     /// Out of focus.
     Focus,
-    /// The picture is bit for bit equal to the previous one.
+    /// The picture is bit-identical to the previous one.
     Frozen,
-    /// Too little of the outline is seen to determine whether the panel moved.
+    /// Too little of the outline is visible to determine whether the panel moved.
     Outline,
-    /// The seen parts of the outline do not agree on the panel's position.
+    /// The visible parts of the outline do not agree on the position of the panel.
     OutlineDisagrees,
 }
 
@@ -40,7 +40,7 @@ impl Flaw {
     /// All flaws.
     pub const ALL: &'static [Flaw] = <Self as VariantArray>::VARIANTS;
 
-    /// Returns the keyword, which does not change between versions.
+    /// Returns the keyword of the flaw, which does not change between versions.
     pub fn keyword(self) -> &'static str {
         match self {
             Flaw::Darker | Flaw::Brighter | Flaw::Flicker => "light",
@@ -56,7 +56,7 @@ impl Flaw {
 /// The pictures with one flaw.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct FlawedPictures {
-    /// The number of pictures; a picture is counted only for its first flaw.
+    /// Number of pictures; a picture is counted only for its first flaw.
     pub pictures: usize,
     /// The worst measured value, in the unit of its limit.
     pub worst: f64,
@@ -65,24 +65,23 @@ pub struct FlawedPictures {
 /// Quality of the observation of a film.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Quality {
-    /// The number of pictures that were used for the judgement.
+    /// Number of pictures that were judged.
     pub usable: usize,
-    /// The time that the usable pictures cover, s: each one covers the time since the picture before it.
+    /// Time covered by usable pictures, s: each picture covers the time since the previous picture.
     pub usable_s: f64,
     /// The pictures with each flaw, in the order of [`Flaw::ALL`].
     pub flawed: [FlawedPictures; Flaw::COUNT],
-    /// The longest time without a usable picture, s.
+    /// Longest time without a usable picture, s.
     pub longest_unseen_s: f64,
-    /// The smallest and the largest light of a usable picture, relative to the dry picture.
+    /// Minimum and maximum light of the usable pictures, relative to the dry picture.
     pub light: [f64; 2],
-    /// The largest movement of the panel in the picture, px; `None` if its outline has no contrast.
+    /// Maximum displacement of the panel in the picture, px; `None` if its outline has no contrast.
     pub moved_px: Option<f64>,
-    /// The sharpness of the least sharp picture relative to the first picture; `None` if the outline has no
-    /// contrast.
+    /// Sharpness of the least sharp picture, relative to the first picture; `None` if the outline has no contrast.
     pub sharpness: Option<f64>,
-    /// The first picture's own sharpness.
+    /// Sharpness of the first picture, without comparison.
     pub first_sharpness: Option<f64>,
-    /// The distance of the outline in the dry picture from its position calculated from the pose, px; `None` if the
+    /// Distance between the outline in the dry picture and the outline calculated from the pose, px; `None` if the
     /// outline has no contrast.
     pub off_px: Option<f64>,
     last_usable_s: f64,
@@ -108,7 +107,7 @@ impl Default for Quality {
 }
 
 impl Quality {
-    /// Adds the measurements of one picture and returns whether the picture can be used for judging.
+    /// Adds the measurements of one picture and returns whether the picture can be judged.
     pub fn add(
         &mut self,
         look: &PictureMeasurement,
@@ -141,20 +140,20 @@ impl Quality {
         flaw.is_none()
     }
 
-    /// Ends the film: the time after the last usable picture counts as not observed.
+    /// Ends the film: the time after the last usable picture is treated as not observed.
     pub fn end(&mut self) {
         self.longest_unseen_s = self.longest_unseen_s.max(self.last_s - self.last_usable_s);
     }
 }
 
-/// Returns the largest increase of the light over the dry picture that can be compensated if the lamp cannot be
-/// measured around the panel, percent. With (1 + τ)/2τ times the dry picture's light, a wet place is as bright as the
-/// limit between wet and dry. The picture then looks the same as if the film had broken everywhere.
+/// Returns the maximum increase of the light over the dry picture that can be compensated if the lamp cannot be
+/// measured around the panel, percent. With (1 + τ)/2τ times the light of the dry picture, a wet place is as bright as
+/// the limit between wet and dry. The picture then looks as if the film had broken everywhere.
 pub fn max_brighter_percent(film_left: f64, settings: &recipe::Inspect) -> f64 {
     (50.0 * (1.0 / film_left - 1.0)).clamp(0.0, settings.max_light_change_percent())
 }
 
-/// Returns the first flaw of a picture and the measured value.
+/// Returns the first flaw of a picture and its measured value; `None` for a usable picture.
 fn first_flaw(
     look: &PictureMeasurement,
     outline: OutlineMeasurement,
@@ -201,8 +200,8 @@ mod tests {
     };
     const STEADY: PanelMotion = PanelMotion { moved_px: 0.0, sharpness: 1.0 };
 
-    /// Calculated by hand: values on both sides of each limit of the recipe's defaults; (1/0.6 − 1)/2 = 33.3 % more
-    /// light.
+    /// Expected values, calculated by hand: values on both sides of each limit, with the defaults of the recipe; the
+    /// maximum increase of the light is (1/0.6 − 1)/2 = 33.3 %.
     #[test]
     fn each_limit_has_its_flaw() {
         let settings = inspect_table("");
@@ -252,8 +251,8 @@ mod tests {
         );
     }
 
-    /// By hand: pictures come once a second. Three in the middle and the last two are flawed; each flaw is reported
-    /// with its worst value.
+    /// Pictures are captured once per second. Three in the middle and the last two are flawed; each flaw is reported
+    /// with its worst value. The expected times are calculated by hand.
     #[test]
     fn unseen_time_and_the_worst_value_of_each_flaw_are_reported() {
         let mut quality = Quality::default();

@@ -1,4 +1,4 @@
-//! Tests the inspection on rendered films of a displaced panel: at a quarter of the camera's resolution, and once at
+//! Tests of the inspection on rendered films of a displaced panel: at a quarter of the camera's resolution, and once at
 //! full resolution.
 
 use super::*;
@@ -41,7 +41,7 @@ impl RenderedTest {
         let taught = TaughtPanel::learn(&cell.taught_scan(), *cell.scanner(), truth.base_from_camera, &recipe)
             .expect("a panel to learn");
         let camera_from_panel = truth.base_from_camera.inverse() * truth.base_from_panel;
-        // The area is at least what pixels of this size detect reliably, also on a displaced panel.
+        // The area is at least the area that pixels of this size detect reliably, also on a displaced panel.
         let limit_mm2 = Footprint::taught_detection_limit_mm2(&taught, recipe.inspect()).expect("in view");
         let min_break_mm2 = (1.2 * limit_mm2).max(5.0);
         let demands = Demands {
@@ -68,7 +68,7 @@ impl RenderedTest {
         self.run_film(film, film)
     }
 
-    /// Inspects a panel that was sanded on the touched pixels after the dry pictures. The dry pictures come from
+    /// Inspects a panel that was sanded at the `touched` pixels after the dry pictures. The dry pictures come from
     /// another film.
     fn inspect_sanded(mut self, film: &Film, dry: &Film, touched: &Mask) -> (Inspection, Mask) {
         let view = FilmView { sanded: Some(touched), ..view(&self.taught, &self.cell, self.camera_from_panel) };
@@ -94,7 +94,8 @@ fn view<'a>(taught: &'a TaughtPanel, cell: &'a Cell, camera_from_panel: Rigid<Ca
     FilmView { taught, camera: cell.scanner(), camera_from_panel, sanded: None }
 }
 
-/// Asserts that the results of the grids agree with the truth, and that the broken places do so except at their rim.
+/// Asserts that the results of the grids agree with the ground truth, and that the broken pixels agree except at the
+/// rims of breaks.
 fn assert_true_result(inspection: &Inspection, truth: &Mask, least: f64) {
     let agreement = score_within(&inspection.mask(), truth, &inspection.footprint.region()).expect("one size");
     assert!(agreement.iou > least, "{agreement:?}");
@@ -113,7 +114,7 @@ fn greasy_grids_are_found_also_in_bad_light() {
         });
         let film = test.cell.film_with_spec(&spots, &FilmSpec::hardest(seed), 0);
         let (inspection, truth) = test.inspect(&film);
-        // With a dark exposure some grids may be too dark: these are not judged, and none of them passes.
+        // With a dark exposure some grids may be too dark: these grids are not judged, and none of them passes.
         assert!(
             inspection.judgement.reasons.iter().any(|reason| reason.code == "broken"),
             "{seed}: {:?}",
@@ -123,15 +124,15 @@ fn greasy_grids_are_found_also_in_bad_light() {
         for (grid, broken_mm2) in inspection.grids.iter().zip(broken_mm2) {
             let is_broken = broken_mm2 >= inspection.observation.min_break_mm2;
             assert!(!is_broken || grid.failed || !grid.seen, "{seed}: {grid:?}");
-            // A break's rim adds a margin of half a pixel around the break; a pixel is 1.8 mm wide.
+            // The rim of a break adds a margin of half a pixel around it; a pixel is 1.8 mm wide.
             let is_clean = broken_mm2 < 0.8 * inspection.observation.min_break_mm2;
             assert!(!is_clean || !grid.failed, "{seed}: {grid:?}");
         }
     }
 }
 
-/// The whole region was sanded after the dry picture and looks 0.45 to 1.8 times as bright. No grid with a break or a
-/// place that never becomes wet passes, although drops run over such places. With the look that sanding usually gives,
+/// The whole region was sanded after the dry picture and is 0.45 to 1.8 times as bright. No grid with a break or a
+/// place that never becomes wet passes, although drops run over these places. With the usual brightness after sanding,
 /// an unbroken film passes.
 #[test]
 fn no_look_of_a_sanded_place_hides_a_break() {
@@ -174,7 +175,7 @@ fn a_clean_panel_passes_in_bad_light() {
     }
 }
 
-/// The lamp becomes 15 % brighter while the film becomes thinner, and flickers.
+/// The lamp becomes 15 % brighter while the film becomes thinner, and it flickers.
 #[test]
 fn light_that_drifts_within_its_limit_neither_causes_nor_hides_breaks() {
     let places = Grease::Mixed { count: 4, until_s: WET_FROM_S + 25.0 };
@@ -191,8 +192,7 @@ fn light_that_drifts_within_its_limit_neither_causes_nor_hides_breaks() {
     }
 }
 
-/// Greasy places from a hundredth of the panel to the whole panel: wet for half a second, then dry before the film is
-/// observed.
+/// Greasy places from 1 % of the panel to the whole panel: wet for half a second, then dry before the film is observed.
 #[test]
 fn grease_that_dries_under_the_spray_fails() {
     for share in [0.01, 0.3, 1.0] {
@@ -206,7 +206,7 @@ fn grease_that_dries_under_the_spray_fails() {
     }
 }
 
-/// If no water stays on 60 % of the panel, the test is invalid and nothing passes.
+/// If no water stays on 60 % of the panel, the test is invalid and no grid passes.
 #[test]
 fn a_test_of_a_hardly_wet_panel_is_invalid() {
     let test = RenderedTest::new(9, 4, 5.0);
@@ -217,8 +217,8 @@ fn a_test_of_a_hardly_wet_panel_is_invalid() {
     assert!(inspection.judgement.reasons.iter().any(|reason| reason.code == "never_wet"));
 }
 
-/// The outline of a panel at its pose is found within a fraction of a pixel, in any light. A panel that is assumed at
-/// its nominal pose but lies elsewhere is reported, and so is a pose with an error of a few millimetres.
+/// The outline of a panel at its pose is measured within a fraction of a pixel, in any light. A panel that is assumed
+/// at its nominal pose but is elsewhere is reported, and so is a pose with an error of a few millimetres.
 #[test]
 fn a_test_of_a_panel_that_lies_elsewhere_is_invalid() {
     for seed in [1, 3, 7] {
@@ -248,7 +248,7 @@ fn a_test_of_a_panel_that_lies_elsewhere_is_invalid() {
     }
 }
 
-/// At full size for 5 s: small places of every kind are found, and the broken area is measured.
+/// At full size for 5 s: small breaks of every kind are detected, and the broken area is measured.
 #[test]
 fn at_full_resolution_every_place_and_its_area_is_found() {
     let test = RenderedTest::new(5, 1, 5.0);

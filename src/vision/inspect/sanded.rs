@@ -1,18 +1,19 @@
-//! Evidence of a film on places that were sanded since the dry picture, and have no dry look of their own.
+//! Finds evidence of a film at places that were sanded since the dry picture, and therefore have no dry reference.
 //!
-//! Such a place is compared with its own wet look while the film is watched. A bare place keeps its look, too, so it
-//! needs separate evidence that it was wet when the film began. The evidence is that water moves: neighbouring places
-//! then differ over time by more than the sensor's noise ([`Shimmer`]). A place was wet if the places near it that look
-//! like it shimmer. They are searched in squares that grow until there are enough of them, and the nearest ones must
-//! shimmer themselves. A bare place does not look like the film around it, and it is still. If drops run over a part of
-//! it, most of it is still.
+//! While the film is observed, a pixel there is compared with the brightness of its own film. A bare pixel also keeps
+//! its brightness, so additional evidence is needed that the pixel was wet when the film began. This evidence is moving
+//! water: the differences between sample points then vary over time by more than the noise of the sensor ([`Shimmer`]).
+//! A sample point was wet if the nearby sample points of similar brightness have temporal noise. They are searched in
+//! squares that grow until there are enough of them, and the nearest of them must show temporal noise themselves. A
+//! bare place has another brightness than the film around it, and is static. If drops run over a part of it, most of it
+//! is still static.
 //!
-//! Water that runs over a bare place moves as a film does. So a place has no evidence either if it is narrower than any
-//! disc and differs from its surroundings as a break differs from its film: it was made by a break and not by a disc
-//! ([`BrightnessLevels::narrow_pixels`]).
+//! Water that runs over a bare place moves as a film does. Therefore an area also has no evidence if it is narrower
+//! than any disc and differs from its surroundings as a break differs from its film: its shape is that of a break and
+//! not of a disc ([`BrightnessLevels::narrow_pixels`]).
 //!
-//! If a film does not move at all, its sanded places count as not seen. Remedy: record a new dry picture after they
-//! have dried.
+//! If a film does not move at all, its sanded places are treated as not seen. Remedy: record a new dry picture after
+//! they have dried.
 
 use super::footprint::Window;
 use super::model::{DIFFERENCE_COUNT, Model, Shimmer};
@@ -23,77 +24,78 @@ use panelprep_base::geometry::{ALL_NEIGHBOURS, DIRECT_NEIGHBOURS, median};
 use panelprep_cell::imaging::{ImagingError, with_operation};
 use rayon::prelude::*;
 
-/// A film's shimmer, its variance relative to the sensor's noise, is at least this …
+/// Minimum temporal noise of a film: its variance relative to the variance of the sensor's noise.
 const MIN_SHIMMER: f64 = 1.35;
-/// … and exceeds the value of noise alone, 1, by at least this many standard deviations.
+/// Minimum excess of the temporal noise of a film over the value of noise alone, 1, in standard deviations.
 const MIN_EXCESS_SIGMA: f64 = 4.5;
-/// The shimmer of still places is below `MIN_SHIMMER` by at least this many standard deviations.
+/// Minimum distance of the temporal noise of static points below `MIN_SHIMMER`, in standard deviations.
 const MIN_STILL_SIGMA: f64 = 3.0;
-/// A place is still if its movement is, with confidence, less than `MIN_FILM_SHARE` of the movement on a film of the
-/// clip. If more than `MAX_STILL_SHARE` of the places of similar brightness are still, there is no film. On rendered
-/// films, this share was at most 0.023 for 99 % of all places; on bare places it was 0.31.
+/// A sample point is static if its motion is significantly less than `MIN_FILM_SHARE` of the motion on a film of the
+/// clip. If more than the fraction `MAX_STILL_SHARE` of the sample points of similar brightness are static, there is no
+/// film. In rendered films, the fraction was at most 0.023 around 99 % of all sample points; on bare places it was
+/// 0.31.
 const MIN_FILM_SHARE: f64 = 0.2;
 const MAX_STILL_SHARE: f64 = 0.05;
-/// This fraction of the second differences, the largest ones, does not count, since they may show a shadow or a glint
-/// that passes. There is no result with fewer remaining differences, or fewer places, than the two following numbers.
+/// Fraction of the second differences, the largest ones, that is excluded, since they may show a passing shadow or
+/// glint. `MIN_DIFFERENCES` is the minimum number of remaining differences, and `MIN_SITES` the minimum number of
+/// sample points for a result.
 const MAX_DISTURBED_SHARE: f64 = 0.34;
 const MIN_DIFFERENCES: usize = 3;
 const MIN_SITES: f64 = 6.0;
-/// Half sides of the squares that are evaluated, in steps of the shimmer's lattice.
+/// Half sides of the squares in which sample points are searched, in steps of the lattice.
 const SQUARE_RADII: [usize; 4] = [2, 4, 8, 16];
-/// The number of radii, from the smallest, that contain only the nearest places.
+/// Number of radii, from the smallest, that contain only the nearest sample points.
 const NEAREST_RADIUS_COUNT: usize = 2;
-/// The first square that reaches the radius of the smallest disc must itself show movement by at least this many
-/// standard deviations. Farther places confirm it, but places that look alike and move elsewhere are not evidence for a
-/// place that is still. The square has a fixed size on the panel, since a smaller pixel shows less movement.
+/// Minimum excess of the temporal noise in the first square that reaches the radius of the smallest disc, in standard
+/// deviations. Sample points farther away confirm the result. Points of similar brightness that move elsewhere are no
+/// evidence for a static point. The square has a fixed size on the panel, since a smaller pixel shows less motion.
 const MIN_NEAR_EXCESS_SIGMA: f64 = 3.0;
-/// Two places have a similar brightness if the difference is at most this many times the noise of one pixel, or at most
-/// a quarter of the change that a break causes.
+/// Maximum difference between two similar brightness values, as a multiple of the noise of one pixel. A difference of
+/// at most a quarter of the change by a break is also similar.
 const MAX_SIMILARITY_SIGMA: f64 = 3.0;
-/// The shape of the smallest break that is reliably found, 12 px.
+/// The shape of the smallest break that is reliably detected, 12 px.
 const MIN_BREAK_SHAPE: [[u8; 4]; 4] = [[0, 1, 1, 0], [1, 1, 1, 1], [1, 1, 1, 1], [0, 1, 1, 0]];
 
-/// The largest bead of water on the smallest break, px: a quarter of the break. A larger enclosed place may be a film
-/// with an edge around it.
+/// Maximum size of a bead of water on the smallest break, px: a quarter of the break. A larger enclosed area may be a
+/// film with an edge around it.
 const MAX_BEAD_PX: usize = 3;
 
-/// The inputs for judging the sanded places.
+/// The inputs for judging the sanded pixels.
 pub struct SandedPlaces<'a> {
     pub model: &'a Model,
     pub window: &'a Window,
     /// For each pixel of the window, whether the pixel is judged.
     pub inside: &'a [bool],
-    /// Time at which each pixel broke, s; infinite if the pixel did not break.
+    /// For each pixel, the time at which it broke, s; infinite if it did not break.
     pub broke_s: &'a [f32],
-    /// The smallest radius of a disc, px.
+    /// Minimum radius of a disc, px.
     pub disc_px: usize,
-    /// The smallest break that makes a grid fail, px.
+    /// Minimum size of a break that makes a grid fail, px.
     pub break_px: usize,
-    /// The smallest and the largest brightness of a break, relative to the brightness of its film; `None` if the range
-    /// is not known.
+    /// Minimum and maximum brightness of a break, relative to the brightness of its film; `None` if the range is not
+    /// known.
     pub break_to_film: Option<[f32; 2]>,
 }
 
-/// One place of the lattice.
+/// One sample point of the lattice.
 #[derive(Debug, Clone, Copy)]
 struct LatticeSite {
-    /// The brightness of the film at this site, levels; 0 for a place that is not judged.
+    /// Brightness of the film at this sample point, grey levels; 0 for a sample point that is not judged.
     look: f64,
-    /// Standard deviation of the site's brightness in one picture, levels.
+    /// Standard deviation of the sample point's brightness in one picture, grey levels.
     noise: f64,
-    /// The site's z for each second difference.
+    /// z of the sample point for each second difference.
     shimmer: [f32; DIFFERENCE_COUNT],
 }
 
 impl LatticeSite {
-    /// Returns the noise of a site relative to its brightness.
+    /// Returns the noise of a sample point relative to its brightness.
     fn noise_share(&self) -> f64 {
         self.noise / self.look
     }
 }
 
-/// The statistics of several places for each second difference: the number of places, the sum of their z and the sum
-/// of z².
+/// For each second difference, statistics of several sample points: their number, the sum of z and the sum of z².
 #[derive(Debug, Clone, Copy, Default)]
 struct PlaceStatistics([[f64; 3]; DIFFERENCE_COUNT]);
 
@@ -107,9 +109,9 @@ impl PlaceStatistics {
         }
     }
 
-    /// Returns the ratio of these places' variance to the variance of still places, and the standard deviation that
-    /// this ratio has for still places. The ratio is the mean over the smaller differences. The variance of n normal
-    /// deviates has the relative standard deviation √(2/(n − 1)).
+    /// Returns the ratio of the variance of these sample points to the variance of static points, and the standard
+    /// deviation of this ratio for static points. The ratio is the mean over the smaller differences. The variance of n
+    /// normal deviates has the relative standard deviation √(2/(n − 1)).
     fn relative_variance(&self) -> Option<(f64, f64)> {
         let seen = self.0.iter().filter(|[count, ..]| *count >= MIN_SITES);
         let mut shown: Vec<(f64, f64)> = seen
@@ -119,7 +121,7 @@ impl PlaceStatistics {
         let passing = (MAX_DISTURBED_SHARE * shown.len() as f64).ceil() as usize;
         let kept = Some(shown.len() - passing).filter(|kept| *kept >= MIN_DIFFERENCES)?;
         let (variance, degrees) = shown[..kept].iter().fold((0.0, 0.0), |sum, it| (sum.0 + it.0, sum.1 + it.1));
-        // Differences that share a span are not independent, so only a third of the degrees of freedom counts.
+        // Differences that share a span are not independent, so only a third of the degrees of freedom is used.
         Some((variance / kept as f64, (2.0 * 3.0 / degrees).sqrt()))
     }
 }
@@ -136,15 +138,15 @@ impl SandedPlaces<'_> {
             sites: self.lattice_sites(shimmer),
             shimmer,
             tolerance: self.model.away_threshold(),
-            // Neither the smallest nor the largest square is used: at few pictures a second the smallest alone has too
-            // few sites to show water, and no larger square would confirm the largest.
+            // Neither the smallest nor the largest square is used. At few pictures per second the smallest has too few
+            // sample points to show water, and no larger square would confirm the result of the largest.
             near: reaches_disc
                 .unwrap_or(SQUARE_RADII.len() - 1)
                 .clamp(NEAREST_RADIUS_COUNT - 1, SQUARE_RADII.len() - 2),
         };
         let is_wet = lattice.wet_sites();
-        // A pixel gets the evidence of a neighbouring wet site of similar brightness, or of a neighbouring place that
-        // was not sanded.
+        // A pixel has evidence if a neighbouring wet sample point has a similar brightness, or if a neighbouring place
+        // that was not sanded has the same film.
         let has_evidence = |i: usize| {
             let (row, column) = (i / self.window.width, i % self.window.width);
             let look = self.film_level(i);
@@ -169,7 +171,7 @@ impl SandedPlaces<'_> {
         Ok(self.with_rims(self.wide_unproven_pixels(&without)?))
     }
 
-    /// Adds to narrow places the beads that they enclose.
+    /// Adds to narrow areas the beads that they enclose.
     fn with_beads(&self, mut is_narrow: Vec<bool>) -> Vec<bool> {
         let raster = self.window.raster();
         let is_at_rim = |i: usize| raster.neighbours(i, &DIRECT_NEIGHBOURS).count() < DIRECT_NEIGHBOURS.len();
@@ -181,8 +183,8 @@ impl SandedPlaces<'_> {
         is_narrow
     }
 
-    /// Adds their rims to places that are as large as a break: a pixel of the rim shows film as well, and may look like
-    /// the film around it.
+    /// Adds the rim to each area as large as a break: a pixel of the rim shows film as well, and may have the
+    /// brightness of the film around it.
     fn with_rims(&self, mut without: Vec<bool>) -> Vec<bool> {
         let raster = self.window.raster();
         let is_whole =
@@ -199,9 +201,9 @@ impl SandedPlaces<'_> {
         without
     }
 
-    /// Returns the pixels without evidence that lie in a place wide enough for the smallest break that is reliably
-    /// found. Neighbouring pixels that are broken or outside of the region count as part of this place. A thinner place
-    /// cannot hide a break.
+    /// Returns the pixels without evidence in areas that are wide enough for the smallest reliably detected break.
+    /// Neighbouring pixels that are broken or outside of the region belong to the area. A thinner area cannot hide a
+    /// break.
     fn wide_unproven_pixels(&self, without: &[bool]) -> Result<Vec<bool>, ImagingError> {
         let hides = |i: usize| without[i] || !self.inside[i] || self.broke_s[i].is_finite();
         let bytes: Vec<u8> = (0..without.len()).map(|i| u8::from(hides(i))).collect();
@@ -210,9 +212,9 @@ impl SandedPlaces<'_> {
         Ok(without.iter().zip(opened).map(|(without, opened)| *without && opened).collect())
     }
 
-    /// Returns whether a pixel is as bright as the film of nearby places that were not sanded, at most a site's side
-    /// away. The area that counts as sanded is wider than the area that a disc touched. A bare strip would be as bright
-    /// as the film beside it only by chance.
+    /// Returns whether a pixel is as bright as the film of nearby places that were not sanded, at most the side of a
+    /// sample point away. The area that is treated as sanded is wider than the area that a disc touched. A bare strip
+    /// would be as bright as the film beside it only by chance.
     fn is_similar_to_nearby_film(&self, row: usize, column: usize, look: f64) -> bool {
         let near =
             |at: usize, end: usize| at.saturating_sub(Shimmer::SIDE_PX)..(at + Shimmer::SIDE_PX + 1).min(end);
@@ -235,13 +237,13 @@ impl SandedPlaces<'_> {
             && model.was_observed(i)
     }
 
-    /// Returns the brightness of a pixel's film, levels; for a place whose look changed from the wet look and which
-    /// became film, the brightness at the end.
+    /// Returns the brightness of the film at a pixel, grey levels; if the pixel's brightness changed and it became film
+    /// again, the brightness at the end.
     fn film_level(&self, i: usize) -> f64 {
         if self.model.is_open_now(i) { f64::from(self.model.levels(i)[0]) } else { self.model.film_look_levels(i) }
     }
 
-    /// Returns the brightness of each pixel with film that did not break, levels; 0 elsewhere.
+    /// Returns the brightness of each unbroken pixel with film, grey levels; 0 elsewhere.
     fn film_levels(&self) -> Vec<f32> {
         let holds = |i: usize| self.inside[i] && self.broke_s[i].is_infinite() && self.model.was_observed(i);
         (0..self.inside.len()).map(|i| if holds(i) { self.film_level(i) as f32 } else { 0.0 }).collect()
@@ -259,7 +261,8 @@ impl SandedPlaces<'_> {
                 self.inside[*i] && self.model.has_no_dry_brightness(*i) && self.broke_s[*i].is_infinite()
             };
             let mut looks: Vec<f64> = pixels.iter().filter(|i| counts(i)).map(|i| self.film_level(*i)).collect();
-            // If less than half of a site has a known brightness, the mean does not represent the whole site.
+            // If less than half of a sample point has a known brightness, its mean does not represent the whole sample
+            // point.
             if looks.len() < Shimmer::SIDE_PX * Shimmer::SIDE_PX / 2 {
                 return None;
             }
@@ -275,14 +278,14 @@ impl SandedPlaces<'_> {
     }
 }
 
-/// Returns the morphological opening of a mask by the smallest break that is reliably found; pixels outside of the
-/// window count as set.
+/// Returns the morphological opening of a mask by the shape of the smallest reliably detected break; pixels outside of
+/// the window are treated as set.
 fn morphological_opening(window: &Window, bytes: &[u8]) -> opencv::Result<Vec<bool>> {
     let mask = Mat::new_rows_cols_with_data(window.height as i32, window.width as i32, bytes)?;
     let kernel = Mat::from_slice_2d(&MIN_BREAK_SHAPE)?;
     let (border, kind) = (Scalar::all(1.0), core::BORDER_CONSTANT);
     let (mut eroded, mut opened) = (Mat::default(), Mat::default());
-    // A kernel with an even side has no middle: the dilation must use the anchor opposite to that of the erosion.
+    // A kernel with an even side has no centre: the dilation must use the anchor opposite to the anchor of the erosion.
     imgproc::erode(&mask, &mut eroded, &kernel, Point::new(1, 1), 1, kind, border)?;
     imgproc::dilate(&eroded, &mut opened, &kernel, Point::new(2, 2), 1, kind, Scalar::all(0.0))?;
     Ok(opened.data_bytes()?.iter().map(|&byte| byte > 0).collect())
@@ -292,30 +295,30 @@ fn morphological_opening(window: &Window, bytes: &[u8]) -> opencv::Result<Vec<bo
 struct SiteLattice<'a> {
     sites: Vec<LatticeSite>,
     shimmer: &'a Shimmer,
-    /// Half of the change that a break causes in a film, as a fraction of the film's brightness.
+    /// Half of the change that a break causes in a film, as a fraction of the film brightness.
     tolerance: f64,
-    /// The index in [`SQUARE_RADII`] of the square that must show movement itself.
+    /// Index in [`SQUARE_RADII`] of the square that must show motion itself.
     near: usize,
 }
 
 impl SiteLattice<'_> {
-    /// Returns for each site whether the site was wet.
+    /// Returns for each sample point whether it was wet.
     fn wet_sites(&self) -> Vec<bool> {
         let sites = 0..self.sites.len();
         let water: Vec<Option<f64>> = sites.clone().into_par_iter().map(|at| self.water_variance(at)).collect();
         let mut known: Vec<f64> = water.iter().flatten().copied().collect();
         let Some(film) = median(&mut known) else { return vec![false; water.len()] };
         let is_still: Vec<bool> = sites.clone().into_par_iter().map(|at| self.is_site_still(at, film)).collect();
-        // Drops that run over a bare place move as well, but only on a part of the place: the rest of it is still and
-        // of similar brightness.
+        // Drops that run over a bare place move as well, but only on a part of the place: the rest is static and of
+        // similar brightness.
         let is_wet = |at: usize| {
             water[at].is_some() && !is_still[at] && self.still_neighbour_share(at, &is_still) <= MAX_STILL_SHARE
         };
         sites.into_par_iter().map(is_wet).collect()
     }
 
-    /// Returns the strength of the water's movement on a site: the part of the variance of the site's brightness that
-    /// exceeds the noise, relative to the brightness squared; `None` without evidence.
+    /// Returns the strength of the water's motion at a sample point: the part of the variance of its brightness that
+    /// exceeds the noise, relative to the squared brightness; `None` without evidence.
     fn water_variance(&self, at: usize) -> Option<f64> {
         let site = &self.sites[at];
         if site.look <= 0.0 {
@@ -326,7 +329,7 @@ impl SiteLattice<'_> {
             if ratio >= MIN_SHIMMER.max(1.0 + MIN_EXCESS_SIGMA * deviation) {
                 return Some((ratio - 1.0) * site.noise_share().powi(2));
             }
-            // If the nearest places are surely still, farther places that move do not count.
+            // If the nearest sample points are significantly static, motion farther away is not used.
             if nth < NEAREST_RADIUS_COUNT && ratio + MIN_STILL_SIGMA * deviation < MIN_SHIMMER {
                 return None;
             }
@@ -337,7 +340,7 @@ impl SiteLattice<'_> {
         None
     }
 
-    /// Checks with the nearest places whether a site surely moves less than a film of this clip.
+    /// Checks with the nearest sample points whether a sample point moves significantly less than a film of this clip.
     fn is_site_still(&self, at: usize, film: f64) -> bool {
         let site = &self.sites[at];
         if site.look <= 0.0 {
@@ -350,7 +353,7 @@ impl SiteLattice<'_> {
         })
     }
 
-    /// Returns the fraction of still sites among the nearby sites of similar brightness.
+    /// Returns the fraction of static points among the nearby sample points of similar brightness.
     fn still_neighbour_share(&self, at: usize, is_still: &[bool]) -> f64 {
         let (mut still, mut all) = (0, 0);
         self.for_similar_neighbours(at, SQUARE_RADII[SQUARE_RADII.len() - 1], |near| {
@@ -360,14 +363,14 @@ impl SiteLattice<'_> {
         still as f64 / all.max(1) as f64
     }
 
-    /// Returns the combined statistics of the nearby places of similar brightness.
+    /// Returns the combined statistics of the nearby sample points of similar brightness.
     fn similar_neighbour_statistics(&self, at: usize, radius: usize) -> PlaceStatistics {
         let mut shown = PlaceStatistics::default();
         self.for_similar_neighbours(at, radius, |near| shown.add(&self.sites[near]));
         shown
     }
 
-    /// Calls `takes` for each site of similar brightness within a square around this site.
+    /// Calls `takes` for each sample point of similar brightness within a square around this one.
     fn for_similar_neighbours(&self, at: usize, radius: usize, mut takes: impl FnMut(usize)) {
         let own = &self.sites[at];
         let alike = (self.tolerance / 2.0 * own.look).max(MAX_SIMILARITY_SIGMA * own.noise);
@@ -394,11 +397,11 @@ mod tests {
     use panelprep_base::geometry::ColorPicture;
 
     const SIDE: usize = 128;
-    /// The window lies in the middle of the picture, which shows the sensor's noise around it.
+    /// The window lies in the middle of the picture, which shows the noise of the sensor around it.
     const WINDOW: Window = Window { left: 32, top: 32, width: 64, height: 64 };
 
-    /// Returns a normal deviate with standard deviation 1, from the sum of four bytes that the picture number and
-    /// the pixel determine.
+    /// Returns a normal deviate with standard deviation 1, from the sum of four bytes that the picture number and the
+    /// pixel determine.
     fn noise(picture: usize, index: usize) -> f64 {
         let mixed = (picture as u64 * 0x9E37_79B9 + index as u64).wrapping_mul(0xBF58_476D_1CE4_E5B9);
         let mixed = (mixed ^ (mixed >> 31)).wrapping_mul(0x94D0_49BB_1331_11EB);
@@ -407,9 +410,9 @@ mod tests {
         (bytes[..4].iter().map(|byte| f64::from(*byte)).sum::<f64>() - 510.0) / 147.8
     }
 
-    /// Returns the pixels without evidence. The whole window was sanded. Each pixel has a level, and water of ± some
-    /// levels moves on it from place to place and from second to second. `also` adds levels to a place of the window in
-    /// a picture.
+    /// Returns the pixels without evidence, after the whole window was sanded. `shown` gives each pixel its level and
+    /// the amplitude of the moving water on it, which varies from place to place and from second to second. `also` adds
+    /// levels to a pixel of the window in a picture.
     fn found(shown: impl Fn(usize, usize) -> (f64, f64), also: impl Fn(usize, usize, f64) -> f64) -> Vec<bool> {
         let terms = FilmParameters { channel_weights: [1.0; 3], persist_s: 0.6, damp: 0.8 };
         let inside = [true; 64 * 64];
@@ -446,9 +449,9 @@ mod tests {
         sanded.unproven_pixels().expect("a mask")
     }
 
-    /// Returns the numbers of pixels without evidence in the left and in the right half of the window. On the left half
-    /// moves water of ±`film` levels. The right half is as bright as a break in that film and shows only the sensor's
-    /// noise.
+    /// Returns the number of pixels without evidence in the left and in the right half of the window. Water of ±`film`
+    /// levels moves on the left half. The right half is as bright as a break in that film and shows only the noise of
+    /// the sensor.
     fn unproven_pixels(film: f64, also: impl Fn(usize, usize, f64) -> f64) -> [usize; 2] {
         let found = found(|column, _| if column < 32 { (70.0, film) } else { (100.0, 0.0) }, also);
         let (left, right): (Vec<usize>, Vec<usize>) =
@@ -456,8 +459,8 @@ mod tests {
         [left.len(), right.len()]
     }
 
-    /// Returns the number of pixels without evidence if `place` gives the level and the water of some pixels, and all
-    /// others show a film of 70 ± 2 levels.
+    /// Returns the number of pixels without evidence if `place` gives the level and the water amplitude of some pixels,
+    /// and all others show a film of 70 ± 2 levels.
     fn without_evidence_of(place: impl Fn(usize, usize) -> Option<(f64, f64)>) -> usize {
         let found = found(|column, row| place(column, row).unwrap_or((70.0, 2.0)), |_, _, _| 0.0);
         found.iter().filter(|found| **found).count()
@@ -468,10 +471,11 @@ mod tests {
         at.contains(&column) && at.contains(&row)
     }
 
-    /// By hand: a still square of 12 px has 9 sites. Its shimmer, 1 ± √(6/112) = 1 ± 0.23, is not surely below 1.35,
-    /// nor surely below that of the film. More than 100 sites of the same look move 16 px away, and are not evidence
-    /// for it. The square is 1.17 times as bright as its film. It is therefore not a narrow place, and differs from the
-    /// film by more than half of the change by a break, 0.145.
+    /// Expected values, calculated by hand: a static square of 12 px has 9 sample points. Its temporal noise, 1 ±
+    /// √(6/112) = 1 ± 0.23, is not significantly below the limit 1.35, nor significantly below that of the film. More
+    /// than 100 moving sample points of similar brightness are 16 px away and are not used as evidence for the square.
+    /// The square is 1.17 times as bright as its film, so it is not a narrow area. It differs from the film by more
+    /// than half of the change by a break, 0.145.
     #[test]
     fn water_elsewhere_is_no_evidence_for_a_still_place() {
         const WATER: f64 = 0.67;
@@ -487,9 +491,9 @@ mod tests {
         assert!((130..260).contains(&still) && moving < 50, "{still} {moving}");
     }
 
-    /// By hand: in a still square of 5 × 5 px with a bead of film in its middle, no part is wide enough for the
-    /// smallest break. The bead counts as part of the square, so all of it counts except its four corners, with a rim
-    /// of 20 px: 25 − 4 + 20.
+    /// Expected values, calculated by hand: a static square of 5 × 5 px has a bead of film in its middle, so no part of
+    /// it is wide enough for the smallest break. The bead is treated as part of the square. All pixels of the square
+    /// except its four corners are returned, with a rim of 20 px: 25 − 4 + 20.
     #[test]
     fn a_bead_hides_no_narrow_place() {
         let found = without_evidence_of(|column, row| {
@@ -499,8 +503,9 @@ mod tests {
         assert!((25..=49).contains(&found), "{found}");
     }
 
-    /// By hand: a still square of 8 × 8 px has a rim of 36 px that looks nearly like its film and moves like it. The
-    /// smallest break does not reach into the square's corners, so that the corners of the rim do not count.
+    /// Expected values, calculated by hand: a static square of 8 × 8 px has a rim of 36 px, with nearly the brightness
+    /// and the motion of the film. The smallest break does not reach into the corners of the square, so the corners of
+    /// the rim are not returned.
     #[test]
     fn the_rim_of_a_still_place_is_part_of_it() {
         let found = without_evidence_of(|column, row| match () {
@@ -511,8 +516,9 @@ mod tests {
         assert_eq!(found, 96);
     }
 
-    /// By hand: each half has 2,048 px. Water of 2 levels is 1.7 times the noise of one channel, and 2.9 times the
-    /// noise of the mean of three channels. The still half has a rim of 64 px on the other half.
+    /// Expected values, calculated by hand: each half has 2,048 px. Water of 2 levels is 1.7 times the noise of one
+    /// channel, and 2.9 times the noise of the mean of three channels. The static half has a rim of 64 px on the other
+    /// half.
     #[test]
     fn moving_water_is_evidence_and_a_still_place_is_not() {
         let [left, right] = unproven_pixels(2.0, |_, _, _| 0.0);
@@ -521,8 +527,8 @@ mod tests {
         assert!(left > 2_000 && right > 2_000, "{left} {right}");
     }
 
-    /// By hand: the smallest break is 4 px wide. The break fits into a strip of 4 px, but not into a strip of 3 px;
-    /// in a square of 4 px, it does not cover the corners.
+    /// Expected values, calculated by hand: the smallest break is 4 px wide. The break fits into a strip of 4 px, but
+    /// not into a strip of 3 px; in a square of 4 px, it does not cover the corners.
     #[test]
     fn a_thin_strip_hides_no_break() {
         let window = Window { left: 0, top: 0, width: 40, height: 30 };
@@ -534,8 +540,8 @@ mod tests {
         assert_eq!((count(10..13, 0..30), count(10..14, 0..30), count(10..14, 5..9)), (0, 120, 12));
     }
 
-    /// A place that dries unevenly by 4 levels, and a shadow of 20 levels that passes within 3 s: neither of them is
-    /// evidence of water.
+    /// Neither a place that dries by 4 levels, at different speeds in its parts, nor a shadow of 20 levels that passes
+    /// within 3 s is evidence of water.
     #[test]
     fn drying_and_a_passing_shadow_are_no_evidence() {
         let dries = |column: usize, row: usize, time_s: f64| 0.2 * time_s * ((column / 4 + row / 4) % 2) as f64;

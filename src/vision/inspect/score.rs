@@ -1,34 +1,34 @@
-//! Compares the breaks that were found with a ground truth that the test did not use.
+//! Compares the detected breaks with a ground truth that the test did not use.
 
 use super::Inspection;
 use super::error::InspectError;
 use panelprep_base::geometry::Mask;
 
-/// Agreement of two masks, each value 0…1. If there is nothing to find and nothing was found, all values are 1.
+/// Agreement of two masks, each value 0…1. If both masks are empty, all values are 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Score {
-    /// The number of pixels in both masks divided by the number of pixels in at least one of them.
+    /// Number of pixels in both masks, divided by the number of pixels in at least one of them.
     pub iou: f64,
-    /// The number of pixels in both masks divided by the number of found pixels.
+    /// Number of pixels in both masks, divided by the number of detected pixels.
     pub precision: f64,
-    /// The number of pixels in both masks divided by the number of true pixels.
+    /// Number of pixels in both masks, divided by the number of true pixels.
     pub recall: f64,
 }
 
-/// Numbers of grids by their true state and their result.
+/// Number of grids for each combination of true state and result.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Confusion {
     /// Broken and failed.
     pub true_fail: usize,
     /// Grids without a break that failed: each costs an hour of sanding.
     pub false_fail: usize,
-    /// Grids with a break that passed: the coating peels off.
+    /// Grids with a break that passed: the coating will peel off.
     pub false_pass: usize,
     /// Whole and passed.
     pub true_pass: usize,
 }
 
-/// Compares a mask with the true one, over the pixels of `region`.
+/// Compares a mask with the true mask, over the pixels of `region`.
 ///
 /// # Errors
 /// If the three masks differ in size.
@@ -45,11 +45,11 @@ pub fn score(mask: &Mask, truth: &Mask, region: &Mask) -> Result<Score, InspectE
     Ok(Score { iou: share(found + real - both), precision: share(found), recall: share(real) })
 }
 
-/// Compares like [`score`], but without the pixels within one pixel of the truth's rim: no picture shows the position
-/// of a rim more exactly.
+/// Compares like [`score`], but without the pixels within one pixel of the rim of the true mask: no picture shows the
+/// position of a rim more exactly.
 ///
 /// # Errors
-/// As [`score`].
+/// If the three masks differ in size.
 pub fn score_within(mask: &Mask, truth: &Mask, region: &Mask) -> Result<Score, InspectError> {
     same_size(truth, region)?;
     let mut within = region.clone();
@@ -67,10 +67,10 @@ pub fn score_within(mask: &Mask, truth: &Mask, region: &Mask) -> Result<Score, I
 }
 
 impl Inspection {
-    /// Compares the grids that failed with those that a true mask would fail by the same rule.
+    /// Compares the grids that failed with the grids that the true mask would fail by the same rule.
     ///
     /// # Errors
-    /// If the mask has another size than the pictures.
+    /// If the mask differs in size from the pictures.
     pub fn compare_with_truth(&self, truth: &Mask) -> Result<Confusion, InspectError> {
         same_size(truth, &self.footprint.region())?;
         let mut confusion = Confusion::default();
@@ -106,7 +106,8 @@ mod tests {
         Mask { width: 3, height: 2, inside: flags.map(|flag| flag == 1).to_vec() }
     }
 
-    /// By hand: in the five pixels of the region, 3 were found, 2 are true, 1 is both: 1/4, 1/3, 1/2.
+    /// Expected values, calculated by hand: of the five pixels of the region, 3 were detected, 2 are true and 1 is
+    /// both, so the values are 1/4, 1/3 and 1/2.
     #[test]
     fn the_agreement_of_two_masks_is_as_by_hand() {
         let region = mask([1, 1, 1, 1, 1, 0]);
@@ -114,8 +115,8 @@ mod tests {
         assert_eq!(score, Score { iou: 0.25, precision: 1.0 / 3.0, recall: 0.5 });
     }
 
-    /// By hand, one true pixel of 3 × 2 at the left: its column and the next one are the rim; the last column
-    /// contains no true pixel.
+    /// Expected result for one true pixel of 3 × 2 at the left: its column and the next one are the rim; the last
+    /// column contains no true pixel.
     #[test]
     fn the_rim_is_left_out() {
         let (truth, region) = (mask([1, 0, 0, 0, 0, 0]), mask([1; 6]));

@@ -1,79 +1,78 @@
-//! Measures whether the panel has moved and whether the picture is in focus. Both are measured at the panel's outline,
-//! which is visible whether the panel is wet or dry.
+//! Measures whether the panel has moved and whether the picture is in focus. Both are measured at the outline of the
+//! panel, which is visible whether the panel is wet or dry.
 //!
-//! Across the outline, the gradient of a profile has its centre at the edge, and the height of its peak measures the
+//! In a profile across the outline, the gradient has its centre at the edge, and the height of its peak measures the
 //! sharpness. Neither centre nor peak changes with the light or with the film on the panel. If edges with normals nᵢ
 //! moved by δᵢ, the panel moved by the d that minimises  Σ (nᵢ·d − δᵢ)²,  without outliers.  (1)
 //!
 //! Grey levels show the edge on most panels, but not if a wet panel is as grey as the background beside it. In that
-//! case each profile is measured in the channel in which its edge has the most contrast; the remaining profiles must
-//! agree and must constrain the panel in both directions. An outline without contrast is reported as not measurable:
-//! this does not mean that the panel moved.
+//! case each profile is measured in the channel with the most contrast; the remaining profiles must agree and must
+//! constrain the panel in both directions. An outline without contrast is reported as not measurable, not as a motion
+//! of the panel.
 //!
 //! This module also checks whether the panel is at its located pose. The same profiles in the taught picture give the
-//! expected position of the edge in each profile. If the panel is at its pose, each edge in the dry picture is at the
-//! expected position of its profile.
+//! expected position of the edge in each profile. If the panel is at its pose, each edge in the dry picture is at its
+//! expected position.
 
 use nalgebra::{Matrix2, Vector2};
 use panelprep_base::geometry::{Camera, ColorPicture, Panel, PinholeCamera, Pixel, Rigid, median};
 use panelprep_cell::panel::TaughtPanel;
 
-/// The number of places on the outline.
+/// Number of profiles across the outline.
 const OUTLINE_PLACES: usize = 240;
-/// With fewer profiles than this there is no result.
+/// Minimum number of profiles for a result.
 const MIN_PROFILES: usize = 40;
-/// An edge still counts as seen if more than this fraction of its contrast in the first picture remains: in grey
-/// levels, and in the channels.
+/// Minimum remaining contrast of a visible edge, as a fraction of its contrast in the first picture: in grey levels,
+/// and in the channels.
 const MIN_REMAINING_CONTRAST: [f32; 2] = [0.3, 0.2];
-/// At least this percentage of the profiles must be seen: in grey levels, or else in the channels.
+/// Minimum percentage of the profiles that must be visible: in grey levels, or else in the channels.
 const MIN_SEEN_PERCENT: [f64; 2] = [50.0, 25.0];
-/// Requirements in the channels. In its weakest direction the panel must be constrained by at least this many profiles.
-/// At least the fraction `MIN_AGREEING_SHARE` of the profiles must agree with the common movement within
-/// `MAX_AGREEMENT_DISTANCE_PX`, px.
+/// Minimum number of profiles that constrain the panel in its least constrained direction, for a measurement in the
+/// channels. In addition, at least the fraction `MIN_AGREEING_SHARE` of the profiles must agree with the common motion
+/// within `MAX_AGREEMENT_DISTANCE_PX`, px.
 const MIN_CONSTRAINT: f32 = 10.0;
 const MIN_AGREEING_SHARE: f64 = 0.6;
 const MAX_AGREEMENT_DISTANCE_PX: f32 = 1.0;
-/// The edge of a profile in the taught picture is expected in the dry picture as well if its contrast in the present
-/// light is at least this many times `MIN_CONTRAST`.
+/// Minimum contrast of a profile in the taught picture, as a multiple of `MIN_CONTRAST` in the present light, for its
+/// edge to be expected in the dry picture as well.
 const MIN_TAUGHT_CONTRAST: f32 = 1.5;
 
-/// The panel's outline at its present pose, with which pictures are compared.
+/// The outline of the panel at its present pose, with which pictures are compared.
 #[derive(Debug)]
 pub struct DryOutline {
     places: Vec<EdgeLocation>,
-    /// The edges at each place in the taught picture, with the panel at its taught pose.
+    /// For each profile position, the edges in the taught picture, with the panel at its taught pose.
     taught: Vec<[Profile; VIEW_COUNT]>,
     first: Vec<[Option<Edge>; VIEW_COUNT]>,
 }
 
-/// The result of the comparison of the outline with the first picture.
+/// Motion and sharpness of the outline, compared with the first picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PanelMotion {
-    /// The movement of the panel in the picture, px.
+    /// Displacement of the panel in the picture, px.
     pub moved_px: f64,
-    /// Sharpness relative to the first picture: 1 is equally sharp.
+    /// Sharpness relative to the first picture; 1 if both are equally sharp.
     pub sharpness: f64,
 }
 
-/// Measurement of the panel's outline in a picture.
+/// The measurement of the panel's outline in one picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum OutlineMeasurement {
-    /// The first picture has no outline for the comparison.
+    /// The outline has no contrast in the first picture, so there is nothing to compare.
     NoContrast,
-    /// Too little of the first picture's outline is seen to determine whether the panel moved: only this share,
-    /// percent.
+    /// Too little of the outline is visible to determine whether the panel moved: only this percentage.
     Lost(f64),
-    /// Enough of the outline is seen, but its parts do not agree on one movement of the panel.
+    /// Enough of the outline is visible, but its parts do not agree on one motion of the panel.
     Disagrees,
-    /// The outline is seen.
+    /// The outline was measured.
     Measured(PanelMotion),
 }
 
-/// The smallest share of the outline with which a picture shows whether the panel moved, percent.
+/// Minimum percentage of the outline that must be visible to determine whether the panel moved.
 pub const MIN_OUTLINE_SEEN_PERCENT: f64 = MIN_SEEN_PERCENT[1];
 
 impl DryOutline {
-    /// Creates the taught outline at the panel's present pose.
+    /// Creates the taught outline at the present pose of the panel.
     pub fn new(taught: &TaughtPanel, camera: &PinholeCamera, camera_from_panel: Rigid<Camera, Panel>) -> Self {
         let nominal = taught.panel_from_camera.inverse();
         let project = |&point| {
@@ -103,10 +102,10 @@ impl DryOutline {
         DryOutline { places, taught, first: Vec::new() }
     }
 
-    /// Returns the distance of the panel's outline in this dry picture from its position calculated from the pose, px.
-    /// It is the larger of two values: the outline's shift by (1), and the median of the profiles' offsets, which also
-    /// shows rotations and a change of the distance from the camera. If most of the outline is beyond the reach of the
-    /// profiles, their reach is returned. `None` if the outline has too little contrast for a measurement.
+    /// Returns the distance between the panel's outline in this dry picture and the outline calculated from the pose,
+    /// px. It is the larger of two values: the shift of the outline by (1), and the median offset of the profiles,
+    /// which also shows a rotation or a change of the distance from the camera. If most of the outline is beyond the
+    /// reach of the profiles, their reach is returned. `None` if the outline has too little contrast.
     pub fn outline_offset_px(&self, picture: &ColorPicture) -> Option<f64> {
         let now: Vec<[Profile; VIEW_COUNT]> = self.places.iter().map(|place| profiles(place, picture)).collect();
         let light: [f32; VIEW_COUNT] = std::array::from_fn(|view| {
@@ -136,21 +135,21 @@ impl DryOutline {
                 };
             let offsets: Vec<(Vector2<f32>, f32)> =
                 self.places.iter().zip(self.taught.iter().zip(&now)).filter_map(offset).collect();
-            // If most of the outline is beyond the profiles' reach, the result is not missing: the distance is at least
-            // the reach.
+            // If most of the outline is beyond the reach of the profiles, the result is not missing: the distance is at
+            // least this reach.
             if 2 * offsets.len() < count {
                 return Some(f64::from(PROFILE_REACH_PX));
             }
             let mut off: Vec<f32> = offsets.iter().map(|(_, offset)| offset.abs()).collect();
             Some(f64::from(estimate_shift(&offsets).norm().max(median_or_zero(&mut off))))
         };
-        // Grey levels come first, since they have the least noise; a colour is used only if the panel and its
-        // surroundings are equally bright.
+        // Grey levels are preferred, since they have the least noise; a colour channel is used only if the panel and
+        // its surroundings are equally bright.
         by(&|_| GRAY_VIEW).or_else(|| by(&best))
     }
 
-    /// Sets this picture as the reference for later ones and returns its own sharpness: the largest step as a fraction
-    /// of the edge's contrast; `None` if the outline has no contrast.
+    /// Sets this picture as the reference for the following ones and returns its sharpness: the largest step as a
+    /// fraction of the contrast of the edge; `None` if the outline has no contrast.
     pub fn set_reference(&mut self, picture: &ColorPicture) -> Option<f64> {
         self.first = self.places.iter().map(|place| edges(place, picture)).collect();
         let sharpness = |view: &dyn Fn(&[Option<Edge>; VIEW_COUNT]) -> Option<Edge>| {
@@ -176,7 +175,7 @@ impl DryOutline {
         }
     }
 
-    /// Measures the outline in each profile's best channel.
+    /// Measures the outline, each profile in its best channel.
     fn measure_in_channels(&self, picture: &ColorPicture) -> OutlineMeasurement {
         let in_best = |(place, first): (&EdgeLocation, &[Option<Edge>; VIEW_COUNT])| {
             let clearest = highest_contrast_edge(first)?;
@@ -219,12 +218,12 @@ fn percentage(part: usize, whole: usize) -> f64 {
     100.0 * part as f64 / whole.max(1) as f64
 }
 
-/// Returns the edge with the highest contrast among the views of a place.
+/// Returns the edge with the highest contrast among the views of a profile.
 fn highest_contrast_edge(edges: &[Option<Edge>; VIEW_COUNT]) -> Option<Edge> {
     edges.iter().flatten().copied().reduce(|a, b| if b.contrast > a.contrast { b } else { a })
 }
 
-/// Returns the edges whose contrast is still more than this fraction of their first contrast.
+/// Returns the edges with more than this fraction of their contrast in the first picture.
 fn edges_still_seen(pairs: &[(EdgeLocation, Edge, Option<Edge>)], least: f32) -> Vec<(EdgeLocation, Edge, Edge)> {
     let kept = |&(place, first, now): &(EdgeLocation, Edge, Option<Edge>)| {
         now.filter(|now| now.contrast > least * first.contrast).map(|now| (place, first, now))
@@ -244,7 +243,7 @@ fn compute_motion(seen: &[(EdgeLocation, Edge, Edge)]) -> PanelMotion {
     }
 }
 
-// Evaluates (1) four times; from the second time on, without the residuals above three times the median.
+// Evaluates (1) four times; from the second time on, residuals above three times the median are excluded.
 fn estimate_shift(shifts: &[(Vector2<f32>, f32)]) -> Vector2<f32> {
     let mut d = Vector2::zeros();
     let mut bound = f32::INFINITY;
@@ -257,8 +256,8 @@ fn estimate_shift(shifts: &[(Vector2<f32>, f32)]) -> Vector2<f32> {
         let Some(inverse) = normal.try_inverse() else { return d };
         d = inverse * right;
         let mut left: Vec<f32> = shifts.iter().map(|(n, shift)| (n.dot(&d) - shift).abs()).collect();
-        // Profiles that a drop or a hand covers are left out. The limit has a lower bound, so that perfect agreement
-        // does not exclude everything.
+        // Profiles that a drop or a hand covers are excluded. The limit has a lower bound, so that perfect agreement
+        // does not exclude all profiles.
         bound = (3.0 * median_or_zero(&mut left)).max(0.05);
     }
     d
@@ -269,19 +268,19 @@ fn median_or_zero(values: &mut [f32]) -> f32 {
     median(values).unwrap_or(0.0)
 }
 
-/// The length of a profile to each side, px.
+/// Length of a profile to each side of the outline, px.
 const PROFILE_REACH_PX: i32 = 8;
 const SAMPLE_COUNT: usize = 2 * PROFILE_REACH_PX as usize + 1;
-/// The smallest contrast at which a profile carries information, levels.
+/// Minimum contrast of a usable profile, grey levels.
 const MIN_CONTRAST: f32 = 12.0;
-/// Gradients below this fraction of the profile's largest step are noise.
+/// Minimum gradient, as a fraction of the largest step of the profile; smaller gradients are noise.
 const MIN_GRADIENT_SHARE: f32 = 0.25;
 
-/// The views of a pixel: the mean of its channels, and each of the channels.
+/// Number of views of a pixel: the mean of its channels, and each channel.
 const VIEW_COUNT: usize = 4;
 const GRAY_VIEW: usize = 0;
 
-/// One place on the outline.
+/// The position of a profile on the outline, with its direction.
 #[derive(Debug, Clone, Copy)]
 struct EdgeLocation {
     at: Vector2<f32>,
@@ -291,14 +290,14 @@ struct EdgeLocation {
 /// An edge in one profile.
 #[derive(Debug, Clone, Copy)]
 struct Edge {
-    /// Distance of the edge from the profile's middle along the normal, px.
+    /// Distance of the edge from the middle of the profile along the normal, px.
     offset_px: f32,
-    /// The largest step as a fraction of the edge's contrast.
+    /// Largest step, as a fraction of the contrast of the edge.
     sharpness: f32,
     contrast: f32,
 }
 
-/// The profile of a picture across one place.
+/// The measured profile of a picture across one position of the outline.
 #[derive(Debug, Clone, Copy, Default)]
 struct Profile {
     edge: Option<Edge>,
@@ -306,7 +305,7 @@ struct Profile {
     mean: Option<f32>,
 }
 
-/// Returns the levels across a place in one view; `None` if the profile leaves the picture.
+/// Returns the levels of one view along a profile; `None` if the profile leaves the picture.
 fn read_profile(place: &EdgeLocation, picture: &ColorPicture, view: usize) -> Option<[f32; SAMPLE_COUNT]> {
     let mut profile = [0.0_f32; SAMPLE_COUNT];
     for (value, step) in profile.iter_mut().zip(-PROFILE_REACH_PX..) {
@@ -344,7 +343,7 @@ fn edge(place: &EdgeLocation, picture: &ColorPicture, view: usize) -> Option<Edg
     Some(Edge { offset_px: sum / weight, sharpness: largest / contrast, contrast })
 }
 
-/// Interpolates one view between four pixels; `None` outside of the picture.
+/// Interpolates the level of one view between four pixels; `None` outside of the picture.
 fn level(picture: &ColorPicture, at: Vector2<f32>, view: usize) -> Option<f32> {
     let within = |at: f32, length: usize| at >= 0.0 && at < length as f32 - 1.0;
     if !within(at.x, picture.width) || !within(at.y, picture.height) {
@@ -367,8 +366,8 @@ fn level(picture: &ColorPicture, at: Vector2<f32>, view: usize) -> Option<f32> {
 mod tests {
     use super::*;
 
-    /// Returns a dark square of 60 px in front of a bright background, with edges `blur_px` wide, shifted to the right
-    /// by `shift`; the square has the grey level `inside`.
+    /// Returns a picture of a dark square of 60 px in front of a bright background, with edges `blur_px` wide, shifted
+    /// to the right by `shift`; the square has the grey level `inside`.
     fn square(shift: f32, blur_px: f32, inside: f32) -> ColorPicture {
         let mut picture = ColorPicture::uniform(100, 100, [0; 3]);
         let cover = |from: f32, at: f32| ((at - from) / blur_px + 0.5).clamp(0.0, 1.0);
@@ -399,8 +398,8 @@ mod tests {
         DryOutline { places, taught, first: Vec::new() }
     }
 
-    /// By hand: a shift of only 3 px to the right is visible on two of the four sides; with 4 px down as well the panel
-    /// is 5 px away.
+    /// Expected values, calculated by hand: a shift of only 3 px to the right is visible on two of the four sides. With
+    /// 4 px down as well, the displacement of the panel is 5 px.
     #[test]
     fn a_panel_that_is_elsewhere_is_distinguished_from_one_in_its_place() {
         let outline = outline();
@@ -442,8 +441,8 @@ mod tests {
         assert!(blurred.moved_px < 0.1 && blurred.sharpness < 0.4, "{blurred:?}");
     }
 
-    /// By hand: 16 of 208 places see an edge 4 px farther inside. Without outlier rejection this would be a movement of
-    /// 16 · 4/104 = 0.6 px.
+    /// Expected values, calculated by hand: 16 of 208 profiles have an edge 4 px farther inside. Without outlier
+    /// rejection the result would be a motion of 16 · 4/104 = 0.6 px.
     #[test]
     fn neither_a_drop_at_the_edge_nor_a_lost_outline_is_a_movement() {
         let mut outline = outline();
@@ -463,9 +462,10 @@ mod tests {
         assert_eq!(outline.measure_against_first(&square(0.0, 1.0, 70.0)), OutlineMeasurement::NoContrast);
     }
 
-    /// A red panel of (190, 40, 30) on a grey background of 125 differs from it by 39 grey levels when dry; when wet,
-    /// (150, 110, 100), by hardly 5. By hand: in red the edge has 65 levels when dry and 25 when wet, so that a shift
-    /// of 2 px is still measured. If the wet panel is (120, 128, 122), no channel shows the edge.
+    /// A red panel of (190, 40, 30) on a grey background of 125 differs from it by 39 grey levels when dry. When wet,
+    /// (150, 110, 100), it differs by hardly 5. Expected values, calculated by hand: in the red channel the edge has 65
+    /// levels when dry and 25 when wet, so a shift of 2 px can still be measured. If the wet panel is (120, 128, 122),
+    /// no channel shows the edge.
     #[test]
     fn an_outline_without_gray_contrast_is_seen_in_its_colours() {
         let coloured = |shift: f32, inside: [f32; 3]| {

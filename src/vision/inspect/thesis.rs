@@ -1,22 +1,22 @@
-//! The thesis's pipeline for one picture (4.3, Fig. 4.9), with OpenCV, on the window around the region alone; and the
-//! film over time.
+//! The thesis's pipeline for one picture (4.3, Fig. 4.9), with OpenCV, on the window around the region; and its
+//! evaluation over time.
 //!
 //!     sub = |reference − test|                                                  in each channel      (4.1)
 //!     g = α · sub + β, saturated to 0…255; then successive median blurs of g                          (4.2)
 //!     changed if max over the channels of g ≥ threshold
 //!     broken if changed, and H, S, V of the test picture are in the range of a dry pixel           (4.3–4.5)
 //!
-//! The thesis does not state how the three channels become one binary picture. Here each channel's difference is
-//! multiplied by its weight, with a largest weight of 1 (`channel_weights`), and the largest result counts. The reason:
-//! a film changes the panel most in one channel (the blue one, 4.2), and a grey value of the difference would dilute
-//! this channel by the others. The thesis masks the test picture and filters the masked one by HSV, and black means
-//! masked out. Here the two binary pictures are combined by a logical AND, which has the same result and allows black
-//! in the range.
+//! The thesis does not state how the three channels become one binary picture. Here the difference of each channel is
+//! multiplied by its weight, with a maximum weight of 1 (`channel_weights`), and the largest product is used. The
+//! reason: a film changes the panel most in one channel (blue, 4.2), and a grey value of the difference would dilute
+//! this channel by the others. The thesis masks the test picture and filters the masked picture by HSV; black means
+//! masked. Here the two binary pictures are combined by a logical AND, which has the same result and permits black in
+//! the range.
 //!
-//! H, S and V are OpenCV's 8-bit values: H/2 in 0…179, S and V in 0…255, and 360° are added to a negative hue.
+//! H, S and V are OpenCV's 8-bit values: H/2 in 0…179, S and V in 0…255; 360° are added to a negative hue.
 //!
 //! Over time a pixel is broken from the first of `persist_frames` consecutive pictures that show it as broken. It stays
-//! broken: water that runs over the place later does not clean it. A flash in fewer consecutive pictures is not a
+//! broken: water that runs over the place afterwards does not clean it. A flash in fewer consecutive pictures is not a
 //! break.
 
 use super::error::InspectError;
@@ -28,13 +28,13 @@ use panelprep_cell::imaging::{ImagingError, with_operation};
 use panelprep_cell::recipe;
 use std::collections::VecDeque;
 
-/// Returns the distance over which the median filters use pixels beyond a window: a window that is wider by this margin
-/// gives the same pixels as the whole picture.
+/// Returns the distance over which the median filters use pixels beyond a window: a window with this margin gives the
+/// same pixels as the whole picture.
 pub fn margin_px(settings: &recipe::Inspect) -> usize {
     settings.median_passes() * (settings.median_px() / 2)
 }
 
-/// Returns the window's part of a picture, with three channels.
+/// Returns the part of a picture within a window, with three channels.
 pub fn crop(picture: &ColorPicture, window: &Window) -> Result<Mat, ImagingError> {
     with_operation("the window", crop_to_window(picture, window))
 }
@@ -60,7 +60,7 @@ pub fn levels(
     with_operation("the difference from the reference", adjusted_difference(settings, &reference, &test))
 }
 
-/// Returns hue, saturation and value of a picture's pixels.
+/// Returns hue, saturation and value of each pixel of a picture.
 pub fn to_hsv(picture: &ColorPicture) -> Result<Vec<[u8; 3]>, ImagingError> {
     let whole = Window { left: 0, top: 0, width: picture.width, height: picture.height };
     with_operation("hue, saturation and value", hue_saturation_value(&crop(picture, &whole)?))
@@ -110,7 +110,7 @@ fn hue_saturation_value(test: &Mat) -> opencv::Result<Vec<[u8; 3]>> {
     Ok(pixels.to_vec())
 }
 
-/// The pipeline over time.
+/// The thesis's pipeline over time.
 #[derive(Debug)]
 pub struct ThesisPipeline {
     film: Film,
@@ -123,7 +123,7 @@ impl ThesisPipeline {
         ThesisPipeline { film: Film::new(pixels, settings.persist_frames()), dry: None, reference: None }
     }
 
-    /// Sets the picture of the dry panel; of several pictures the last one counts.
+    /// Sets the picture of the dry panel; of several pictures the last one is used.
     pub fn set_dry(&mut self, picture: &ColorPicture, window: &Window) -> Result<(), InspectError> {
         self.dry = Some(crop(picture, window)?);
         Ok(())
@@ -134,7 +134,7 @@ impl ThesisPipeline {
         self.film.times()
     }
 
-    /// Returns the pixels that broke in this picture and the times at which they broke.
+    /// Evaluates a wet picture. Returns the pixels that broke in it and the time at which they broke.
     pub fn process_wet(
         &mut self,
         picture: &ColorPicture,
@@ -146,7 +146,7 @@ impl ThesisPipeline {
         let inside = footprint.region_pixels();
         let looks_dry = dry_coloured_pixels(settings, &test)?;
         let Some(reference) = &self.reference else {
-            // In the first fully wet picture, pixels that still look dry count as broken at 0 s.
+            // Pixels that still appear dry in the first fully wet picture are treated as broken at 0 s.
             let mut never_wet = Vec::new();
             if let Some(dry) = self.dry.take() {
                 let wetted = changed(settings, &dry, &test)?;
@@ -163,24 +163,24 @@ impl ThesisPipeline {
     }
 }
 
-/// The time of a pixel whose film did not break.
+/// The time of a pixel at which the film did not break.
 pub const NOT_BROKEN: f32 = f32::INFINITY;
 
-/// The state of the film in one window while pictures arrive.
+/// The state of the film in one window, updated with each picture.
 #[derive(Debug)]
 pub struct Film {
     persist_frames: usize,
-    /// Number of consecutive pictures that showed the pixel broken.
+    /// For each pixel, the number of consecutive pictures that showed it as broken.
     run: Vec<u8>,
     since_wet_s: Vec<f32>,
-    /// Times of the last `persist_frames` pictures, oldest first.
+    /// Times of the last `persist_frames` pictures, the oldest first.
     recent_s: VecDeque<f64>,
 }
 
 /// Pixels that have been broken for the required number of pictures since this picture.
 #[derive(Debug, PartialEq)]
 pub struct NewlyBroken {
-    /// The time of the break, s: that of the first of the consecutive pictures.
+    /// Time of the break, s: the time of the first of the consecutive pictures.
     pub since_wet_s: f64,
     /// The indices of the pixels in the window.
     pub pixels: Vec<usize>,
@@ -234,8 +234,9 @@ mod tests {
 
     const WHOLE: Window = Window { left: 0, top: 0, width: 8, height: 8 };
 
-    /// By hand: blue differs by 30 in a block of 4 × 4 px, so g = 2·30 − 20 = 40 there; one more pixel is white. A
-    /// median of 3 × 3 removes the single pixel and the block's four corners, around which only 4 of 9 pixels are set.
+    /// Expected values, calculated by hand: blue differs by 30 in a block of 4 × 4 px, so g = 2·30 − 20 = 40 there; one
+    /// more pixel is white. A median of 3 × 3 removes the single pixel and the four corners of the block, around which
+    /// only 4 of 9 pixels are set.
     #[test]
     fn the_difference_of_two_pictures_is_as_by_hand() {
         let reference = ColorPicture::uniform(8, 8, [100, 100, 100]);
@@ -254,8 +255,8 @@ mod tests {
         assert_eq!(found(41), [0usize; 0]);
     }
 
-    /// By hand: red differs by 40, blue by 30; with a weight of a quarter for red the difference is max(10, 30) · 2
-    /// = 60.
+    /// Expected value, calculated by hand: red differs by 40, blue by 30; with a weight of 0.25 for red the difference
+    /// is max(10, 30) · 2 = 60.
     #[test]
     fn a_channel_counts_with_its_weight() {
         let reference = ColorPicture::uniform(8, 8, [100, 100, 100]);
@@ -269,8 +270,9 @@ mod tests {
         assert!(found("[0.1, 0.1, 0.1]", 80), "weights count against the heaviest");
     }
 
-    /// By hand, Eq. 4.3–4.5 in 8 bits: green 120°/2 = 60; (255, 0, 128) has 60·(0 − 128)/255 = −30.1°, which wraps to
-    /// 329.9°, half is 165; (100, 50, 50) has saturation 255·50/100 = 127.5 and value 100.
+    /// Expected values, calculated by hand with Eq. 4.3–4.5 in 8 bits: green has 120°/2 = 60. (255, 0, 128) has 60·(0 −
+    /// 128)/255 = −30.1°, which wraps to 329.9°, half of which is 165. (100, 50, 50) has the saturation 255·50/100 =
+    /// 127.5 and the value 100.
     #[test]
     fn colours_become_hue_saturation_value() {
         let rgb = vec![[0, 255, 0], [255, 0, 128], [100, 50, 50], [0, 0, 0]];
@@ -303,8 +305,8 @@ mod tests {
         assert!((20..115).contains(&changed), "noise is cut in two: {changed}");
     }
 
-    /// By hand, three consecutive pictures are required: pixel 0 breaks at 2 s and stays broken, pixel 1 flashes for
-    /// two pictures, pixel 2 flashes first and breaks at 3 s.
+    /// Three consecutive pictures are required. Expected results: pixel 0 breaks at 2 s and stays broken, pixel 1
+    /// flashes for two pictures, pixel 2 flashes first and breaks at 3 s.
     #[test]
     fn a_break_counts_from_the_first_of_three_consecutive_pictures() {
         let mut film = Film::new(3, 3);

@@ -1,5 +1,5 @@
-//! The gate of a clip that is recorded to set up lamp, camera and recipe. It checks whether the light and the method's
-//! settings are suitable for the test. The findings are texts for a person.
+//! Acceptance checks of a clip that is recorded to set up lamp, camera and recipe. They show whether the light and the
+//! settings of the method are suitable for the test. The findings are texts for a person.
 
 use super::advice::{Advice, GridContrast};
 use super::gate::{MIN_CHANGE_TO_NOISE, name, too_coarse};
@@ -8,16 +8,16 @@ use panelprep_base::number_text::{distinguishable_texts, fixed_decimals};
 use panelprep_base::verdict::{Check, LimitSource, Reason, Severity};
 use panelprep_cell::panel::GridId;
 
-/// Smallest contrast as a multiple of the noise: below it, wet and dry cannot be distinguished.
+/// Minimum contrast-to-noise ratio: below it, wet and dry cannot be distinguished.
 pub const MIN_CONTRAST_TO_NOISE: f64 = 5.0;
-/// Largest part of a grid, percent, that may look the same under a film and dry, as greasy places do.
+/// Maximum percentage of a grid that may have the same appearance under a film and dry, as greasy places do.
 const MAX_FAINT_PERCENT: f64 = 10.0;
-/// Smallest brightness of the dry panel, grey levels: with less it needs more light.
+/// Minimum brightness of the dry panel, grey levels; a darker panel needs more light.
 const MIN_DRY_BRIGHTNESS_LEVELS: f64 = 40.0;
-/// Smallest accepted evenness: with less even light, a part of the panel becomes too dark or overexposed before the
-/// rest.
+/// Minimum uniformity of the light: with less uniform light, a part of the panel becomes too dark or overexposed before
+/// the rest.
 const MIN_EVENNESS: f64 = 0.6;
-/// Largest fraction of the dry region that may be overexposed.
+/// Maximum fraction of the dry region that may be overexposed.
 const MAX_OVEREXPOSED_SHARE: f64 = 0.001;
 
 /// The results of a clip for the film method.
@@ -25,27 +25,27 @@ const MAX_OVEREXPOSED_SHARE: f64 = 0.001;
 pub struct Tuning {
     /// Light and channels.
     pub advice: Advice,
-    /// The contrast of each grid in the brightness that the method evaluates.
+    /// Contrast of each grid in the brightness that the method evaluates.
     pub grids: Vec<GridContrast>,
-    /// Time for which places look dry before they look wet again, s.
+    /// Longest time for which a place appears dry before it appears wet again, s.
     pub flash_s: f64,
-    /// The smallest break that is reliably found, mm².
+    /// Area of the smallest break that is reliably detected, mm².
     pub detection_limit_mm2: f64,
-    /// The grids that would count as not seen, judging by the movement of water on this film, if they were completely
-    /// sanded after the dry picture.
+    /// The grids that would be treated as not seen if they were completely sanded after the dry picture, because the
+    /// water of this film moves too little there.
     pub unseen_if_sanded: Vec<GridId>,
     /// The reason why the panel is not at the pose at which the grids are evaluated.
     pub displaced_reason: Option<Reason>,
 }
 
 impl Tuning {
-    /// Returns how long a break must be seen so that no flash counts as a break, s.
+    /// Returns the time for which a break must be seen so that no flash is treated as a break, s.
     pub fn needed_persist_s(&self, demands: &Demands) -> f64 {
         let interval_s = 1.0 / demands.frames_per_second;
         round_up_to_tenth((self.flash_s + interval_s).max(2.0 * interval_s))
     }
 
-    /// Returns every value that is judged.
+    /// Returns the checks of all judged values.
     pub fn checks(&self, demands: &Demands) -> Vec<Check> {
         let worst =
             self.grids.iter().min_by(|a, b| a.best_contrast_to_noise().total_cmp(&b.best_contrast_to_noise()));
@@ -122,7 +122,7 @@ fn contrast(what: &str, contrast_to_noise: f64) -> Check {
         })
 }
 
-/// Returns a check for the places where a break would not be visible, with a remedy.
+/// Returns a check for the grids with places at which a break would not be visible, with a remedy.
 fn check_faint_places(grids: &[GridContrast]) -> Option<Check> {
     let most = grids.iter().map(|grid| grid.faint_percent).max_by(f64::total_cmp)?;
     let check = Check::new("part of a grid that looks wet as it does dry, at most", "%", most);

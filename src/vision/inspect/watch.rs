@@ -23,9 +23,10 @@ pub struct FilmView<'a> {
     pub taught: &'a TaughtPanel,
     /// The camera.
     pub camera: &'a PinholeCamera,
-    /// `camera_from_base · base_from_panel` (Eq. 4.6, 4.7).
+    /// The pose of the panel in the camera, `camera_from_base · base_from_panel` (Eq. 4.6, 4.7).
     pub camera_from_panel: Rigid<Camera, Panel>,
-    /// The taught pixels of places that were sanded after the dry picture: they are judged only by their wet look.
+    /// The taught pixels of places that were sanded after the dry picture; they are judged only by the brightness of
+    /// their film.
     pub sanded: Option<&'a Mask>,
 }
 
@@ -52,16 +53,16 @@ pub struct FilmWatch {
     pub(super) time_to_break_s: Vec<Option<f64>>,
 }
 
-/// The result that one picture added.
+/// The result of one picture.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct PictureResult {
-    /// The picture's time after the first fully wet one, s; `None` before that.
+    /// Time of the picture after the first fully wet picture, s; `None` before the first one.
     pub since_wet_s: Option<f64>,
-    /// Whether the picture can be used for the judgement.
+    /// Whether the picture can be judged.
     pub usable: bool,
-    /// Area of broken film so far, mm²; places that prove to be glints are subtracted at the end.
+    /// Area of broken film so far, mm²; glints that are recognised at the end are subtracted then.
     pub broken_mm2: f64,
-    /// Grids that fail from this picture on.
+    /// Grids that failed in this picture.
     pub newly_failed: Vec<GridId>,
 }
 
@@ -70,7 +71,7 @@ impl FilmWatch {
     /// failure.
     ///
     /// # Errors
-    /// If the region is not in the picture at all.
+    /// If the region is completely outside of the picture.
     pub fn new(view: &FilmView<'_>, settings: &recipe::Inspect, demands: Demands) -> Result<Self, InspectError> {
         let FilmView { taught, camera, camera_from_panel, sanded } = *view;
         let is_thesis = settings.method() == Method::Thesis;
@@ -105,10 +106,10 @@ impl FilmWatch {
         })
     }
 
-    /// Accepts the next picture, recorded at `time_s` of any clock that does not jump.
+    /// Accepts the next picture, recorded at `time_s` of a monotonic clock.
     ///
     /// # Errors
-    /// If the picture's size is not the camera's, or the picture is out of order.
+    /// If the picture differs in size from the camera's, or is out of order.
     pub fn push(
         &mut self,
         picture: &ColorPicture,
@@ -141,8 +142,8 @@ impl FilmWatch {
         self.is_place_assumed = true;
     }
 
-    /// Sets the beginning of the film, on the clock of its pictures: missing pictures before the first one then count
-    /// as a gap, too.
+    /// Sets the beginning of the film, on the clock of its pictures: pictures that are missing before the first one are
+    /// then treated as a gap.
     pub fn set_start(&mut self, time_s: f64) {
         self.start_s = Some(time_s);
     }
@@ -154,7 +155,7 @@ impl FilmWatch {
             return Err(InspectError::PictureSize { found_width, found_height, width, height });
         }
         let (previous_s, previous) = self.last.unwrap_or((f64::NEG_INFINITY, Phase::Dry));
-        // All times of a break come from the pictures' timestamps; a clock that jumps would falsify all of them.
+        // All times of breaks come from the timestamps of the pictures; a clock that jumps would falsify all of them.
         if !(time_s.is_finite() && time_s > previous_s) {
             return Err(InspectError::TimeOrder { time_s, previous_s });
         }
@@ -164,7 +165,7 @@ impl FilmWatch {
         if self.frames + 1 >= MAX_PICTURES {
             return Err(InspectError::TooManyPictures { most: MAX_PICTURES - 1 });
         }
-        // In a dry picture after the film began, water would be taken for the dry look, which would hide every break
+        // In a dry picture after the film began, water would be learnt as dry brightness, which would hide every break
         // there.
         if phase < previous {
             return Err(InspectError::PhaseOrder { time_s, phase, previous });
@@ -174,7 +175,7 @@ impl FilmWatch {
 
     fn process_wet(&mut self, picture: &ColorPicture, time_s: f64) -> Result<PictureResult, InspectError> {
         self.frames += 1;
-        // Without a dry picture the first wet one is the reference for outline and sharpness, so that a movement is
+        // Without a dry picture the first wet picture is the reference for outline and sharpness, so that a motion is
         // still detected.
         if self.first_wet_s.is_none() && !self.model.has_dry() {
             self.quality.first_sharpness = self.outline.set_reference(picture);
@@ -186,8 +187,8 @@ impl FilmWatch {
         self.observed_s = since_wet_s;
         let (model, outline) = (&mut self.model, &self.outline);
         let (look, steady) = rayon::join(|| model.measure_wet(picture), || outline.measure_against_first(picture));
-        // A picture that cannot be used is skipped and counted. If it were judged, a shadow would count as a break, or
-        // a flash as film.
+        // A picture that cannot be used is skipped and counted. If it were judged, a shadow would be treated as a
+        // break, or a flash as film.
         let usable = self.quality.add(&look, steady, &self.settings, since_wet_s);
         let before = self.time_to_break_s.clone();
         if usable {
@@ -203,7 +204,7 @@ impl FilmWatch {
         Ok(self.picture_result(before, usable))
     }
 
-    /// Adds the surface of the pixels that broke at this time to their grids.
+    /// Adds the area of the pixels that broke at this time to their grids.
     fn add_broken_surface(&mut self, pixels: &[usize], since_wet_s: f64) {
         for &index in pixels {
             self.footprint.add_area(index, &mut self.broken_mm2);
@@ -237,8 +238,8 @@ impl FilmWatch {
         }
     }
 
-    /// Returns the reason if the panel is not at the pose at which the grids are evaluated, according to the dry
-    /// pictures so far; `None` if it is.
+    /// Returns the reason if, according to the dry pictures so far, the panel is not at the pose at which the grids are
+    /// evaluated; `None` if it is.
     pub fn displaced_panel_reason(&self) -> Option<Reason> {
         displaced_panel_reason(self.quality.off_px, (self.is_place_assumed, self.model.has_dry()))
     }
@@ -248,7 +249,7 @@ impl FilmWatch {
         self.footprint.grid_pixels()
     }
 
-    /// Returns the smallest break that is reliably found at the panel's place, mm².
+    /// Returns the area of the smallest break that is reliably detected at the position of the panel, mm².
     pub fn detection_limit_mm2(&self) -> f64 {
         self.footprint.detection_limit_mm2()
     }

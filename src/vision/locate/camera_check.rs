@@ -1,4 +1,4 @@
-//! Checks whether the camera has moved since teaching, by means of the fixture, which does not move.
+//! Checks whether the camera has moved since teaching, by comparing the static fixture in both scans.
 //!
 //! Outside of the search box both scans show the same objects at the same pixels as long as the camera has not moved. A
 //! small rotation or shift of the camera (a twist) changes the depths of the fixture's faces and shifts its edges in
@@ -17,14 +17,13 @@ use panelprep_cell::panel::TaughtPanel;
 use panelprep_cell::recipe;
 use rayon::prelude::*;
 
-/// The maximum numbers of faces and edges that are compared.
+/// Maximum numbers of faces (`MAX_FACES`) and edges (`MAX_EDGES`) that are compared.
 const MAX_FACES: usize = 3_000;
 const MAX_EDGES: usize = 700;
-/// With fewer faces the check gives no result.
+/// Minimum number of faces for a result.
 const MIN_FACES: usize = 150;
-/// For a face: the standard deviation of its distance, the number of neighbours that share one error, the lower limit
-/// of the cutoff, and the largest distance at which the face counts as unmoved. The next constants are those of an
-/// edge.
+/// For a face: standard deviation of its distance, number of neighbouring faces with a common error, lower limit of the
+/// outlier cutoff, and maximum change of distance of an unmoved face. The corresponding constants of an edge follow.
 const FACE_NOISE_MM: f64 = 0.06;
 const FACE_CORRELATED_COUNT: f64 = 60.0;
 const MIN_FACE_CUTOFF_MM: f64 = 0.5;
@@ -32,30 +31,30 @@ const MAX_FACE_CHANGE_MM: f64 = 1.0;
 const EDGE_NOISE_PX: f64 = 0.15;
 const EDGE_CORRELATED_COUNT: f64 = 8.0;
 const MIN_EDGE_CUTOFF_PX: f64 = 0.6;
-/// The smallest change of brightness from block to block at an edge, grey levels.
+/// Minimum change of brightness from block to block at an edge, grey levels.
 const MIN_EDGE_CONTRAST: f64 = 16.0;
-/// With fewer edges than this it is not checked which fraction of them is still there.
+/// Minimum number of edges for which the found fraction is evaluated.
 const MIN_EDGES: usize = 40;
-/// If the depth at a taught face has changed by more than this, another object hides the face, mm.
+/// Maximum change of the depth at a taught face, mm; with a larger change another object hides the face.
 const MAX_DEPTH_CHANGE_MM: f64 = 15.0;
-/// Standard deviations of the prior for the camera's motion, for a shift and for a rotation: the prior constrains the
-/// directions that the fixture does not constrain.
+/// Standard deviations of the prior for the motion of the camera: shift (`PRIOR_SIGMA_MM`) and rotation
+/// (`PRIOR_SIGMA_RAD`). The prior constrains the directions that the fixture does not constrain.
 const PRIOR_SIGMA_MM: f64 = 3.0;
 const PRIOR_SIGMA_RAD: f64 = 0.004;
 const ITERATIONS: usize = 4;
 
-/// The result of the check of the camera's pose by the fixture.
+/// The result of the comparison of the camera pose with the fixture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CameraCheck {
-    /// The largest displacement of the panel that the camera's motion since teaching causes, mm.
+    /// Maximum displacement of the panel that is caused by the motion of the camera since teaching, mm.
     pub moved_mm: f64,
-    /// 95 % of the errors of `moved_mm` are smaller, mm.
+    /// Uncertainty of `moved_mm`, 95 %, mm.
     pub uncertainty_mm: f64,
-    /// The fraction of the fixture that is still at its taught place, 0…1.
+    /// Fraction of the fixture that is still at its taught position, 0…1.
     pub unmoved_share: f64,
 }
 
-/// Compares the fixture in both scans; `None` if too little of the fixture is seen.
+/// Compares the fixture in both scans; `None` if too little of the fixture is visible.
 pub(super) fn check_camera(
     panel: &TaughtPanel,
     taught: &TaughtModel,
@@ -63,15 +62,15 @@ pub(super) fn check_camera(
     inside: &[bool],
     placed: &Rigid<Camera, Panel>,
 ) -> Option<CameraCheck> {
-    // With another camera, or another picture size, the pixels are not the same.
+    // With another camera or picture size, the pixels do not correspond.
     if (panel.scan.width(), panel.scan.height()) != (scan.width(), scan.height()) || panel.camera != grid.camera {
         return None;
     }
     compare_fixture(panel, &taught.model, (&taught.fixture, grid, scan), inside, placed)
 }
 
-/// Returns the uncertainty that the taught scan's own fixture gives for a camera that has not moved, mm: 95 % of the
-/// errors at the taught panel are smaller. `None` if too little of the fixture is seen.
+/// Returns the uncertainty of the pose of a camera that has not moved, determined with the fixture in the taught scan,
+/// as the 95 % displacement at the taught panel, mm. `None` if too little of the fixture is visible.
 pub(super) fn teaching_uncertainty_mm(
     panel: &TaughtPanel,
     taught: &TaughtModel,
@@ -83,7 +82,7 @@ pub(super) fn teaching_uncertainty_mm(
     compare_fixture(panel, model, (fixture, fixture, &panel.scan), &inside, &placed).map(|it| it.uncertainty_mm)
 }
 
-/// Returns for each block of the taught scan whether it lies in the search box.
+/// Returns for each block of the taught scan whether it is in the search box.
 fn box_blocks_at_teaching(panel: &TaughtPanel, fixture: &Grid, settings: &recipe::Locate) -> Vec<bool> {
     let base_from_camera = panel.nominal_pose * panel.panel_from_camera;
     grid::blocks_in_box(fixture, &base_from_camera, settings.box_min_mm(), settings.box_max_mm())
@@ -104,7 +103,7 @@ fn compare_fixture<F: Frame>(
     let same_faces =
         faces.iter().filter(|face| face.residual.abs() <= MAX_FACE_CHANGE_MM).count() as f64 / faces.len() as f64;
     let (edges, same_edges) = still.edges(panel, (grid, scan));
-    // The smaller share counts: the edges or the faces alone can show a fixture that has changed.
+    // The smaller fraction is used: the edges or the faces alone can show that the fixture has changed.
     let same = same_edges.map_or(same_faces, |same_edges| same_edges.min(same_faces));
     let centre = RigidF32::from_rigid(placed).point(&model.centre);
     let identity: Rigid<Camera, Panel> = *placed;
@@ -128,8 +127,8 @@ fn compare_fixture<F: Frame>(
         };
         let mut sums = ResidualSums::from_constraints(&faces, &of_faces, &centre)
             .add(ResidualSums::from_constraints(&edges, &of_edges, &centre));
-        // With the prior, a direction that the fixture does not constrain has the prior's uncertainty, instead of an
-        // infinite one.
+        // A direction that the fixture does not constrain gets the uncertainty of the prior, instead of an infinite
+        // one.
         for axis in 0..6 {
             let sigma = if axis < 3 { PRIOR_SIGMA_RAD } else { PRIOR_SIGMA_MM };
             sums.information[(axis, axis)] += 1.0 / (sigma * sigma);
@@ -147,7 +146,7 @@ fn compare_fixture<F: Frame>(
     })
 }
 
-/// The blocks that lie outside of the search box in both scans.
+/// The blocks that are outside of the search box in both scans.
 struct StaticScene<'a> {
     taught: &'a Grid,
     blocks: Vec<usize>,
@@ -163,7 +162,7 @@ impl<'a> StaticScene<'a> {
         StaticScene { taught, blocks, is_still }
     }
 
-    /// Returns the distances of the taught faces in front of the scan's faces, along their normals.
+    /// Returns the distances of the taught faces in front of the scanned faces, along their normals.
     fn faces(&self, grid: &Grid) -> Vec<Constraint> {
         let chosen = spread_indices(self.blocks.len(), MAX_FACES);
         let face = |&k: &usize| {
@@ -186,7 +185,7 @@ impl<'a> StaticScene<'a> {
         faces.into_iter().flatten().collect()
     }
 
-    /// Returns the distances of the taught edges from the scan's edges in the picture, and the fraction of the taught
+    /// Returns the distances between the taught and the scanned edges in the picture, and the fraction of the taught
     /// edges that were found.
     fn edges<F: Frame>(
         &self,
@@ -200,7 +199,7 @@ impl<'a> StaticScene<'a> {
         (edges, same)
     }
 
-    /// Returns taught edges of the fixture, each with its counterpart in the scan.
+    /// Returns taught edges of the fixture, each with the corresponding edge of the scan.
     fn match_edges<F: Frame>(
         &self,
         panel: &TaughtPanel,
@@ -233,9 +232,9 @@ impl<'a> StaticScene<'a> {
         looked.into_iter().flatten().collect()
     }
 
-    /// Returns the edge between a block and the one beside it, if the brightness changes strongly from one to the
-    /// other. The edge belongs to the nearer of the two blocks, or to the only block that has a depth: beyond a fixture
-    /// there may be no points.
+    /// Returns the edge between a block and its neighbour, if the brightness differs enough between them. The edge
+    /// belongs to the nearer of the two blocks, or to the only block that has a depth: behind a fixture there may be no
+    /// points.
     fn find_edge(
         &self,
         panel: &TaughtPanel,
@@ -259,7 +258,7 @@ impl<'a> StaticScene<'a> {
             (None, Some(_)) => beside,
             (None, None) => return None,
         };
-        // An object that was put in front of the edge hides it.
+        // An object in front of the edge hides it.
         let moved_mm = grid.depth_mm(block)? - self.taught.depth_mm(block)?;
         if moved_mm.abs() > MAX_DEPTH_CHANGE_MM {
             return None;
@@ -282,19 +281,19 @@ impl<'a> StaticScene<'a> {
     }
 }
 
-/// Result of the search for a fixture's edge at its taught place.
+/// Result of the search for an edge of the fixture at its taught position.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum FixtureEdge {
     /// The edge is visible and has moved perpendicular to itself by this distance, px.
     Moved(f64),
-    /// The fixture is visible, but has no such edge.
+    /// The fixture is visible, but the edge is missing.
     Gone,
-    /// No fixture is visible there, or an object is in front of the edge.
+    /// The fixture is not visible, or an object is in front of the edge.
     Unseen,
 }
 
-/// Returns the fixture's taught edges, and the observation of the scan at each; an empty list if the scan has other
-/// pixels.
+/// Returns the taught edges of the fixture with the result of the search for each; an empty list if the picture size or
+/// the camera differs.
 pub(super) fn fixture_edges(
     panel: &TaughtPanel,
     fixture: &Grid,
@@ -319,7 +318,7 @@ pub(super) fn fixture_edges(
     shown.chain(unseen.map(|(steep, _)| (steep.pixel, FixtureEdge::Unseen))).collect()
 }
 
-/// A place where the taught picture has an edge of the fixture.
+/// A taught edge of the fixture, at a block of the picture.
 #[derive(Clone, Copy)]
 struct TaughtEdge {
     block: usize,

@@ -1,18 +1,19 @@
-//! The panel's corner in a picture of the flange camera (thesis 3.9, Fig. 3.17).
+//! Detects the panel's corner in a picture of the flange camera (thesis 3.9, Fig. 3.17).
 //!
 //! As in the thesis: bilateral filter (Fig. 3.18), threshold (Fig. 3.19), the largest contour, the smallest box around
-//! it (Fig. 3.20), and the contour's point nearest to the box's corner (Fig. 3.21). Two details differ from the thesis.
-//! First, a direction states which corner of the box is meant, since the order of `minAreaRect`'s corners jumps as the
-//! box rotates. Second, the result is the intersection of the two extended edges beside that contour point: a single
-//! pixel on a rounded corner is a poor measurement, two lines through hundreds of sub-pixel points are a good one. Lens
-//! distortion and the panel's curvature bend the edges by a fraction of a pixel over the fitted length. The edges of
-//! the taught and the found corner are bent alike, because they are seen from nearly the same position; this is not
-//! corrected. This module does not know the expected place of the corner: see `refine`.
+//! it (Fig. 3.20), and the contour point nearest to the corner of the box (Fig. 3.21). Two details differ from the
+//! thesis. First, a direction states which corner of the box is meant, since the order of the corners from
+//! `minAreaRect` jumps as the box rotates. Second, the result is the intersection of the two extended edges beside this
+//! contour point. A single pixel on a rounded corner is a poor measurement; two lines through hundreds of sub-pixel
+//! points are a good one. Lens distortion and the curvature of the panel bend the edges by a fraction of a pixel over
+//! the fitted length. The edges at teaching and now are bent in the same way, because they are seen from nearly the
+//! same position; this bend is not corrected. This module does not know the expected position of the corner: see
+//! `refine`.
 //!
-//! A straight edge is found to a fraction of a pixel. A line through contour pixels gives its approximate position. At
-//! every pixel along this line, the grey level of the unfiltered picture is read across the edge, from the panel's side
-//! to the other. The edge is where the grey level crosses the middle between its values on both sides. A robust line
-//! through these places is the edge; the grey levels are read once more across this line.
+//! A straight edge is measured to a fraction of a pixel. A line through contour pixels gives its approximate position.
+//! At every pixel along this line, the grey level of the unfiltered picture is read across the edge, from the panel's
+//! side to the other. The edge point is the position at which the grey level crosses the mean of the levels of both
+//! sides. A robust line is fitted to these edge points; then the grey levels are read once more across this line.
 //!
 //! If a picture shows no corner, the error is a text for the person who set the recipe.
 
@@ -23,21 +24,22 @@ use panelprep_cell::imaging::{ImagingError, bilateral_filter, min_area_box, oute
 use panelprep_cell::recipe;
 use panelprep_cell::recipe::CornerName;
 
-/// A contour that encloses less than this fraction of the picture is not the panel.
+/// Minimum fraction of the picture that the contour of the panel encloses.
 const MIN_PICTURE_SHARE: f64 = 0.02;
-/// Contour points within this distance of the picture's border belong to the border and not to the panel, px.
+/// Minimum distance between a contour point of the panel and the border of the picture, px; nearer points belong to the
+/// border.
 const MIN_BORDER_DISTANCE_PX: f64 = 3.0;
-/// Smallest angle between two edges that determine a corner, degrees.
+/// Minimum angle between two edges that determine a corner, degrees.
 const MIN_ANGLE_DEG: f64 = 20.0;
 
-/// A corner, with the intermediate results of its detection.
+/// A detected corner, with the intermediate results of its detection.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CornerFound {
-    /// The intersection of the two edges.
+    /// The corner: the intersection of the two edges.
     pub corner_px: Pixel,
-    /// The contour point nearest to the box's corner, which the thesis uses as the corner.
+    /// The contour point nearest to the corner of the box, which the thesis uses as the corner.
     pub nearest_px: Pixel,
-    /// The panel's contour, pixel by pixel.
+    /// The contour of the panel, pixel by pixel.
     pub contour: Vec<Pixel>,
     /// The corners of the smallest box around the contour.
     pub box_px: [Pixel; 4],
@@ -45,8 +47,8 @@ pub struct CornerFound {
     pub edges: [EdgeLine; 2],
 }
 
-/// Finds the panel's corner that lies in this direction. `px_per_mm` is the picture's scale at the corner: focal length
-/// over depth.
+/// Finds the corner of the panel in this direction. `px_per_mm` is the scale of the picture at the corner: focal length
+/// divided by depth.
 ///
 /// # Errors
 /// If the picture shows no corner of the panel; each error states the remedy.
@@ -56,8 +58,8 @@ pub fn find(
     which: CornerName,
     px_per_mm: f64,
 ) -> Result<CornerFound, CornerError> {
-    // The filter preserves edges. The edges themselves are fitted on the unfiltered picture below, since a filter
-    // shifts them by fractions of a pixel.
+    // The filter preserves edges for the segmentation. The edges are fitted on the unfiltered picture below, since a
+    // filter shifts them by fractions of a pixel.
     let filtered = bilateral_filter(picture, settings.bilateral_diameter_px(), settings.bilateral_sigma_gray())?;
     let contour = panel_contour(&filtered, settings)?;
     let box_px = min_area_box(&contour)?;
@@ -75,14 +77,14 @@ pub fn find(
     let fitted = |start: usize, step: isize| {
         let along =
             walk_contour(&contour, start, step).take_while(|&(_, way_px)| way_px <= length.skip_px + length.fit_px);
-        // Points on the picture's border follow the border and not the panel.
+        // Points on the border of the picture follow the border and not the panel.
         let beside = along.filter(|&(pixel, way_px)| way_px >= length.skip_px && inside(pixel));
         fit_edge(picture, &beside.map(|(pixel, _)| pixel).collect::<Vec<_>>(), length)
     };
     let edges_from =
         |start: usize| -> Result<[EdgeLine; 2], CornerError> { Ok([fitted(start, 1)?, fitted(start, -1)?]) };
-    // If the panel is rotated in the picture, the thesis's corner point does not lie in the middle of the rounding: a
-    // first intersection of the edges shows where the middle is.
+    // If the panel is rotated in the picture, the thesis's corner point is not in the middle of the rounding: a first
+    // intersection of the edges gives the middle.
     let rough = edges_from(nearest)?;
     let rough_px = intersect_edges(&rough[0], &rough[1], MIN_ANGLE_DEG)?;
     let edges = edges_from(nearest_contour_index(&contour, rough_px))?;
@@ -93,11 +95,11 @@ pub fn find(
     Ok(CornerFound { corner_px, nearest_px, contour, box_px, edges })
 }
 
-/// Finds the taught corner with this number, counted from 0. `expected` is its expected position in the camera
-/// frame; its distance gives the scale.
+/// Finds the taught corner with this index. `expected` is its expected position in the camera frame; its distance gives
+/// the scale.
 ///
 /// # Errors
-/// As [`find`].
+/// If the picture shows no corner of the panel; each error states the remedy.
 pub fn find_taught(
     picture: &GrayPicture,
     (settings, corner): (&recipe::Corner, usize),
@@ -111,7 +113,7 @@ fn panel_contour(filtered: &GrayPicture, settings: &recipe::Corner) -> Result<Ve
     let (min, max) = (settings.panel_gray_min(), settings.panel_gray_max());
     let inside = filtered.gray.iter().map(|&gray| (min..=max).contains(&usize::from(gray))).collect();
     let mask = Mask { width: filtered.width, height: filtered.height, inside };
-    // The largest contour is the panel: smaller ones are reflections and labels with the panel's grey levels.
+    // The largest contour is the panel: smaller ones are reflections and labels with the same grey levels.
     let contour = outer_contours(&mask)?.into_iter().next().ok_or(CornerError::NoContour { min, max })?;
     let share = polygon::signed_area_px2(&contour).abs() / (mask.width * mask.height) as f64;
     if share < MIN_PICTURE_SHARE {
@@ -121,7 +123,7 @@ fn panel_contour(filtered: &GrayPicture, settings: &recipe::Corner) -> Result<Ve
     Ok(contour)
 }
 
-/// Returns the corner of the box that lies farthest in the taught direction; correct for boxes rotated by up to 45°.
+/// Returns the corner of the box that is farthest in the taught direction; correct for boxes rotated by up to 45°.
 fn named_box_corner(box_px: &[Pixel; 4], which: CornerName) -> Pixel {
     let (right, down) = match which {
         CornerName::TopLeft => (-1.0, -1.0),
@@ -138,7 +140,7 @@ fn nearest_contour_index(contour: &[Pixel], corner: Pixel) -> usize {
     (0..contour.len()).min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap_or_default()
 }
 
-/// Follows the contour once around from one of its points, forwards (`step` 1) or backwards (−1). Returns each point
+/// Iterates over the contour once from one of its points, forwards (`step` 1) or backwards (−1). Returns each point
 /// with its distance along the contour, px.
 fn walk_contour(contour: &[Pixel], start: usize, step: isize) -> impl Iterator<Item = (Pixel, f64)> + '_ {
     let count = contour.len() as isize;
@@ -149,16 +151,16 @@ fn walk_contour(contour: &[Pixel], start: usize, step: isize) -> impl Iterator<I
     })
 }
 
-/// Distance to each side of the edge up to which the grey levels are read, px.
+/// Length of a profile to each side of the edge, px.
 const REACH_PX: i32 = 8;
-/// Number of samples at each end of a profile that determine the grey level of that side.
+/// Number of samples at each end of a profile that determine the grey level of this side.
 const SIDE_SAMPLES: usize = 5;
-/// Smallest difference between the two sides of an edge, grey levels.
+/// Minimum difference between the grey levels of the two sides of an edge.
 const MIN_CONTRAST: f64 = 20.0;
-/// Smallest number of sharp edge points per pixel of length; with fewer, the edge is too short or has too many gaps.
+/// Minimum number of sharp edge points per pixel of length; with fewer, the edge is too short or has too many gaps.
 const MIN_POINTS_PER_PX: f64 = 0.5;
-/// Points farther from the line than this multiple of the median distance are left out; points within
-/// `MIN_OUTLIER_LIMIT_PX` of the line are always used.
+/// Maximum distance of an edge point from the line, as a multiple of the median distance; points farther away are
+/// excluded. Points within `MIN_OUTLIER_LIMIT_PX` of the line are always used.
 const MAX_OUTLIER_MEDIANS: f64 = 4.0;
 const MIN_OUTLIER_LIMIT_PX: f64 = 0.33;
 const LINE_FIT_ITERATIONS: usize = 6;
@@ -166,7 +168,7 @@ const LINE_FIT_ITERATIONS: usize = 6;
 /// The segment in which an edge is searched, starting at the corner.
 #[derive(Debug, Clone, Copy)]
 struct EdgeStretch {
-    /// Length that is left out beside the corner, px.
+    /// Length beside the corner that is not used, px.
     pub skip_px: f64,
     /// Fitted, px.
     pub fit_px: f64,
@@ -175,7 +177,7 @@ struct EdgeStretch {
 /// A straight edge.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EdgeLine {
-    /// The end of the edge near the corner.
+    /// The end of the edge near the corner, px.
     pub from: Pixel,
     /// Its other end.
     pub to: Pixel,
@@ -185,7 +187,7 @@ pub struct EdgeLine {
     pub points: usize,
 }
 
-/// Fits the edge along contour pixels, whose order is from the corner outwards.
+/// Fits the edge along contour pixels that are ordered from the corner outwards.
 fn fit_edge(picture: &GrayPicture, contour: &[Pixel], length: EdgeStretch) -> Result<EdgeLine, CornerError> {
     let needed = ((length.fit_px * MIN_POINTS_PER_PX) as usize).max(4);
     let short = |found: usize| CornerError::EdgeTooShort { found, needed };
@@ -224,14 +226,14 @@ fn intersect_edges(a: &EdgeLine, b: &EdgeLine, min_angle_deg: f64) -> Result<Pix
 struct FittedLine {
     centre: Vector2<f64>,
     direction: Vector2<f64>,
-    /// Positions of the first and the last point along the line, measured from the line's middle.
+    /// Positions of the first and the last point along the line, relative to the middle of the line, px.
     span: [f64; 2],
     rms_px: f64,
     points: usize,
 }
 
 impl FittedLine {
-    /// Fits a line by total least squares with trimming: its direction is that of the largest scatter of the points
+    /// Fits a line by trimmed total least squares: its direction is the direction of the largest scatter of the points
     /// near the line.
     fn fit_trimmed(places: &[Vector2<f64>], outwards: Vector2<f64>) -> Option<FittedLine> {
         let mut kept = places.to_vec();
@@ -278,8 +280,8 @@ fn edge_points(picture: &GrayPicture, line: &FittedLine) -> Vec<Vector2<f64>> {
     (0..=steps).filter_map(place).collect()
 }
 
-/// Finds where a profile crosses the middle between the levels of its ends, nearest to its centre, in samples; `None`
-/// if the two levels differ too little.
+/// Returns the position at which a profile crosses the mean of the levels of its two ends, nearest to its centre, in
+/// samples; `None` if the two levels differ too little.
 fn find_crossing(profile: &[f64]) -> Option<f64> {
     let mean = |side: &[f64]| side.iter().sum::<f64>() / side.len() as f64;
     let (first, last) = (mean(&profile[..SIDE_SAMPLES]), mean(&profile[profile.len() - SIDE_SAMPLES..]));
@@ -299,7 +301,7 @@ fn find_crossing(profile: &[f64]) -> Option<f64> {
         .min_by(|a, b| (a - centre).abs().total_cmp(&(b - centre).abs()))
 }
 
-/// Interpolates the grey level bilinearly between pixel centres; `None` outside the picture.
+/// Interpolates the grey level bilinearly between pixel centres; `None` outside of the picture.
 fn gray_at(picture: &GrayPicture, place: Vector2<f64>) -> Option<f64> {
     let (column, row) = (place.x.floor(), place.y.floor());
     if column < 0.0 || row < 0.0 || column as usize + 1 >= picture.width || row as usize + 1 >= picture.height {
@@ -321,32 +323,32 @@ fn pixel(place: Vector2<f64>) -> Pixel {
     Pixel::at(place.x, place.y)
 }
 
-/// The reason why a picture shows no corner.
+/// The reason why no corner was detected in a picture.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum CornerError {
-    /// No pixel has the panel's brightness.
+    /// No pixel has the brightness of the panel.
     #[error(
         "no pixel has the brightness of the panel, {min}…{max}; check that the light is on and that the panel is \
          in view"
     )]
     NoContour {
-        /// Lowest grey level of the panel.
+        /// Minimum grey level of the panel.
         min: usize,
-        /// Highest grey level of the panel.
+        /// Maximum grey level of the panel.
         max: usize,
     },
-    /// The largest object with the panel's brightness is too small.
+    /// The largest object with the brightness of the panel is too small.
     #[error(
         "the largest object with the panel's brightness covers {} % of the picture, at least {} % are needed; \
          check that the panel is in view, and check panel_gray_max", distinguishable_texts(*found_percent, *needed_percent, 1)[0], distinguishable_texts(*found_percent, *needed_percent, 1)[1]
     )]
     ContourTooSmall {
-        /// The fraction of the picture that the object covers, percent.
+        /// Percentage of the picture that the object covers.
         found_percent: f64,
-        /// The required fraction, percent.
+        /// Minimum percentage of the picture.
         needed_percent: f64,
     },
-    /// The corner lies at the border of the picture or beyond.
+    /// The corner is at the border of the picture or beyond.
     #[error(
         "the corner at ({u:.0}, {v:.0}) px lies at the picture's border; move the camera so that the corner is \
          well inside the picture"
@@ -357,15 +359,15 @@ pub enum CornerError {
         /// Row, px.
         v: f64,
     },
-    /// One of the edges that meet in the corner is too short or too faint.
+    /// One of the edges that meet in the corner is too short or has too little contrast.
     #[error(
         "an edge beside the corner has {found} sharp points, at least {needed} are needed; check that the edge is \
          in view over rounding_mm and edge_mm, free of reflections, and clearly darker than the background"
     )]
     EdgeTooShort {
-        /// Number of edge points found.
+        /// Number of detected edge points.
         found: usize,
-        /// Number of edge points needed.
+        /// Minimum number of edge points.
         needed: usize,
     },
     /// The two edges have nearly the same direction.
@@ -376,7 +378,7 @@ pub enum CornerError {
     EdgesParallel {
         /// The angle, degrees.
         angle_deg: f64,
-        /// The smallest angle allowed, degrees.
+        /// Minimum angle, degrees.
         min_deg: f64,
     },
     /// OpenCV rejected the picture.
@@ -398,7 +400,7 @@ mod tests {
     }
 
     /// Draws a dark panel to the right of and below a corner, in front of a bright wall. Its edges are rotated by
-    /// `turn_deg`, rounded by `rounding_px` and spread over one pixel; a little unevenness replaces noise.
+    /// `turn_deg`, rounded by `rounding_px` and spread over one pixel; a small unevenness replaces noise.
     fn picture(corner: Pixel, turn_deg: f64, rounding_px: f64) -> GrayPicture {
         let (width, height) = (320usize, 240usize);
         let (sin, cos) = turn_deg.to_radians().sin_cos();
@@ -416,7 +418,7 @@ mod tests {
 
     const SHORT: &str = "rounding_mm = 4\nedge_mm = 12\n";
 
-    /// By construction the edges meet at (103.4, 77.8), outside the panel: the corner is rounded by 22 px.
+    /// By construction the edges meet at (103.4, 77.8), outside of the panel: the corner is rounded by 22 px.
     #[test]
     fn a_rounded_and_rotated_corner_is_found_to_a_tenth_of_a_pixel() {
         for turn_deg in [-14.0, 0.0, 3.0, 12.0] {
@@ -424,15 +426,15 @@ mod tests {
             let found = find(&picture(corner, turn_deg, 22.0), &settings(SHORT), CornerName::TopLeft, 5.0)
                 .expect("a corner");
             assert!(found.corner_px.distance_px(corner) < 0.1, "{turn_deg}°: {:?}", found.corner_px);
-            // The thesis's corner point lies on the rounding, (√2 − 1)·22 = 9.1 px from the corner. If the panel is
-            // rotated, the corner point lies beside the middle of the rounding.
+            // The thesis's corner point is on the rounding, (√2 − 1)·22 = 9.1 px from the corner. If the panel is
+            // rotated, the corner point is beside the middle of the rounding.
             let mark_px = found.nearest_px.distance_px(corner);
             assert!((8.0..28.0).contains(&mark_px), "{turn_deg}°: {:?}", found.nearest_px);
             assert!(found.edges.iter().all(|edge| edge.rms_px < 0.2 && edge.points > 50), "{:?}", found.edges);
         }
     }
 
-    /// Finds another corner by rotating the picture: `which` selects the corner.
+    /// Finds another corner in a rotated picture: `which` selects the corner.
     #[test]
     fn the_named_corner_is_found() {
         let upright = picture(Pixel::at(103.0, 77.0), 2.0, 10.0);
@@ -456,8 +458,8 @@ mod tests {
         assert!(matches!(short, Err(CornerError::EdgeTooShort { .. })), "{short:?}");
     }
 
-    /// Calculated by hand: between 40 and 140 the middle is 90. The profile crosses it half-way from 60 to 120, 8.5
-    /// samples from the start.
+    /// Expected value, calculated by hand: the mean of 40 and 140 levels is 90. The profile crosses 90 halfway between
+    /// 60 and 120, 8.5 samples from the start.
     #[test]
     fn the_crossing_of_the_middle_is_interpolated_between_two_samples() {
         let mut profile = [40.0; 17];
@@ -468,7 +470,7 @@ mod tests {
         assert_eq!(find_crossing(&[100.0; 17]), None);
     }
 
-    /// By hand: the lines y = 10 and x = 20 + y/2 meet at (25, 10).
+    /// Expected value, calculated by hand: the lines y = 10 and x = 20 + y/2 meet at (25, 10).
     #[test]
     fn two_lines_meet() {
         let line = |a: (f64, f64), b: (f64, f64)| EdgeLine {

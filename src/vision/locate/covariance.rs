@@ -1,29 +1,30 @@
-//! The covariance of a pose, and its meaning on the panel.
+//! The covariance of a pose, and the uncertainty on the panel that follows from it.
 //!
-//! A fit with the information N = Σ wᵢ JᵢᵀJᵢ transforms errors eᵢ of its residuals into a twist about the panel's
-//! centre of −N⁻¹ Σ wᵢ Jᵢᵀ eᵢ = −Σ Bᵢ eᵢ, with the covariance
+//! A fit with the information matrix N = Σ wᵢ JᵢᵀJᵢ transforms the errors eᵢ of its residuals into a twist about the
+//! centre of the panel of −N⁻¹ Σ wᵢ Jᵢᵀ eᵢ = −Σ Bᵢ eᵢ. Its covariance is
 //!     C = N⁻¹ (Σ_k f_k N_k) N⁻¹ + f σ² Σᵢⱼ κ(xᵢ − xⱼ) Bᵢ Bⱼᵀ + v Σᵢⱼ κ(xᵢ − xⱼ) B⊥ᵢ B⊥ⱼᵀ,   κ(x) = exp(−π x²/ℓ²).          (1)
-//! The first term is that of the edges and marks k, whose cells have independent errors; the other terms are those of
-//! the surface. The second term is the scan's own smooth error, of the stated size σ. The correlation length ℓ of this
-//! error is not known, and with ℓ larger than the panel the error is a shift that no residual shows. Therefore (1) is
-//! evaluated for ℓ of 30 to 400 mm, and the largest result is stated. The third term is the panel's own deviation d
-//! (`deviation`), with the mean square v that was found. B⊥ is B without the part that consists of a shift and two
-//! tilts along the normal, so that only the effect remains by which a bend slides a curved panel in its plane.
+//! The first term is that of the edges and marks k, whose cells have independent errors; the other two terms are those
+//! of the surface. The second term is the smooth error of the scan, with the stated standard deviation σ. The
+//! correlation length ℓ of this error is not known. If ℓ is larger than the panel, the error is a shift that no
+//! residual shows. Therefore (1) is evaluated for ℓ of 30 to 400 mm, and the largest result is stated. The third term
+//! is the deviation d of the panel from the taught panel (`deviation`), with its measured mean square v. B⊥ is B
+//! without the part that consists of a shift and two tilts along the normal. Only the effect remains by which a bend
+//! slides a curved panel in its plane. The factor f is
 //!     f = max(1, (ν + Σ_c m_c²/s_c²) / (ν + n))                                                             (2)
-//! For each kind of residual, `fit` states the noise s of the mean m of a cell, whose members share one error. The
+//! For each kind of residual, `fit` states the noise s of the mean m of a cell, whose members have a common error. The
 //! factor f states by how much the means of the n cells exceed this noise. A prior weight of ν cells for the stated
-//! noise stabilises f: a small panel has few cells. The surface's means are computed about the deviation. A point x of
-//! the panel then has the covariance A C Aᵀ with A = [−[x − c]×  I].
+//! noise stabilises f, because a small panel has few cells. The means of the surface are computed relative to the
+//! deviation. A point x of the panel then has the covariance A C Aᵀ with A = [−[x − c]×  I].
 //!
 //! A camera whose distances are all too long by the relative error s measures the panel's centre c, seen from the
-//! camera, at (1 + s) c, which no residual shows. The part of s that all scans have in common also shifts the camera's
-//! mount, if the mount was measured with the same camera near the taught place; there the two shifts cancel. The
+//! camera, at (1 + s) c, which no residual shows. The part of s that all scans have in common also shifts the camera
+//! mount, if the mount was measured with the same camera near the taught position; there the two shifts cancel. The
 //! difference between the two scans does not cancel:
 //!     C_vv += σ_s² (c − c₀)(c − c₀)ᵀ + σ_d² (c cᵀ + (R c₀)(R c₀)ᵀ),                                           (3)
-//! with c₀ the taught centre, R the rotation from the taught place to this one, σ_s the standard deviation of the part
-//! of s that all scans share, and σ_d that of the part that differs from scan to scan. (3) contains neither the error
-//! of the panel's own size by s, which over half a panel is much smaller, nor the error of a mount that was measured
-//! elsewhere.
+//! with the taught centre c₀, the rotation R from the taught to the present pose, the standard deviation σ_s of the
+//! part of s that all scans have in common, and the standard deviation σ_d of the part that differs from scan to scan.
+//! (3) does not contain the error of the size of the panel by s, which is much smaller over half a panel. It also does
+//! not contain the error of a mount that was measured far from the taught position.
 
 use super::deviation::{Deviation, PanelPlane};
 use super::fit::{EDGE_CORRELATION_MM, RESIDUAL_KIND_COUNT, Residuals};
@@ -37,24 +38,24 @@ use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
 
-/// Values of ℓ of (1), mm. They range from slightly below the cell sizes of the error fields that were found in scans
-/// to beyond the largest trial panel.
+/// Values of the correlation length ℓ for which (1) is evaluated, mm. They range from slightly below the cell sizes of
+/// the error fields that were measured in scans to beyond the largest trial panel.
 const CORRELATION_LENGTHS_MM: [f64; 4] = [30.0, 85.0, 200.0, 400.0];
-/// The approximate number of surface places over which (1) is summed: on a panel of 330 × 220 mm they are 15 mm apart.
+/// Approximate number of surface points over which (1) is summed: on a panel of 330 × 220 mm they are 15 mm apart.
 const MAX_SURFACE_PLACES: usize = 300;
-/// Lower limit of the fraction of a field's variance that remains when a shift and two tilts are removed: prevents a
+/// Lower limit for the fraction of a field's variance that remains after a shift and two tilts are removed; prevents a
 /// division by zero.
 const MIN_VARIANCE_SHARE: f64 = 1e-3;
 /// ν of (2).
 const PRIOR_CELLS: f64 = 12.0;
 /// Index of the surface among the kinds of residuals.
 const SURFACE_KIND: usize = 0;
-/// A cell is used if it has at least this fraction of the points of a full cell.
+/// Minimum number of points of a cell, as a fraction of a full cell.
 const MIN_CELL_FILL_SHARE: f64 = 0.3;
 
 /// Returns the terms that (3) adds to the covariance of the shift, from the taught and the present centre of the panel
-/// and the rotation between them. The first term is for a scale that all scans share, the second for a scale that
-/// differs from scan to scan.
+/// and the rotation between them. The first term is for a scale error that all scans have in common, the second for a
+/// scale error that differs from scan to scan.
 fn scale_terms([taught, now]: [&Vector3<f64>; 2], turn: &Matrix3<f64>, range: RangeErrors) -> [Matrix3<f64>; 2] {
     let (moved, turned) = (now - taught, turn * taught);
     [
@@ -63,26 +64,26 @@ fn scale_terms([taught, now]: [&Vector3<f64>; 2], turn: &Matrix3<f64>, range: Ra
     ]
 }
 
-/// Adds a further covariance of the shift to a twist's covariance.
+/// Adds a covariance of the shift to the covariance of a twist.
 fn add_shift_covariance(mut covariance: Matrix6<f64>, further: Matrix3<f64>) -> Matrix6<f64> {
     let mut shifts = covariance.fixed_view_mut::<3, 3>(3, 3);
     shifts += further;
     covariance
 }
 
-/// The direction in which a pose is constrained least.
+/// The direction in which a pose is least constrained.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum WeakestMotion {
-    /// A shift along the panel's normal, or a tilt of the normal.
+    /// A shift along the normal of the panel, or a tilt of the normal.
     Normal,
-    /// A shift in the panel's plane.
+    /// A shift in the plane of the panel.
     Sideways,
-    /// A rotation in the panel's plane.
+    /// A rotation in the plane of the panel.
     Turn,
 }
 
 impl WeakestMotion {
-    /// Returns the description, as text for a person.
+    /// Returns a description of the direction, as text for a person.
     pub fn describe(self) -> &'static str {
         match self {
             WeakestMotion::Normal => "along the panel's normal",
@@ -94,20 +95,20 @@ impl WeakestMotion {
 
 /// The uncertainty of a pose.
 pub(super) struct PoseCovariance {
-    /// (1) and (3) as the covariance of a twist (ω, v) about the panel's centre, rad and mm.
+    /// The sum of (1) and (3) as the covariance of a twist (ω, v) about the centre of the panel, rad and mm.
     pub covariance: Matrix6<f64>,
-    /// The direction in which the covariance is largest.
+    /// The direction with the largest covariance.
     pub weakest: WeakestMotion,
-    /// 95 % of the errors along that direction are smaller, mm; a rotation counts by its mean displacement.
+    /// Uncertainty along this direction, 95 %, mm; for a rotation its mean displacement of the panel.
     pub weakest_mm: f64,
-    /// The covariance without the term of (3) for a scale that all scans share, which is zero at the taught pose.
+    /// The covariance without the term of (3) for the common scale error, which is zero at the taught pose.
     pub at_taught_place: Matrix6<f64>,
     /// The covariance by (1) alone.
     pub without_scale_term: Matrix6<f64>,
 }
 
-/// Computes (1) and (3); `None` if the residuals leave a direction unconstrained. The model is the panel as it is bent
-/// at this pose.
+/// Computes the covariance by (1) and (3); `None` if the residuals leave a direction unconstrained. `model` is the
+/// panel with its bend at this pose.
 pub(super) fn covariance(
     residuals: &Residuals,
     weighing: &[ResidualWeighting; RESIDUAL_KIND_COUNT],
@@ -121,7 +122,7 @@ pub(super) fn covariance(
     };
     let square = |sample: usize| cell(&model.points[sample], model.range.correlation_mm);
     let mark_square = |sample: usize| cell(&model.marks.points[sample].point, model.range.correlation_mm);
-    // The points of the taught outline are in order, so that a segment consists of consecutive points.
+    // The points of the taught outline are ordered, so a segment consists of consecutive points.
     let mut ways_mm = Vec::with_capacity(model.outline.len());
     let mut way_mm = 0.0;
     for sample in &model.outline {
@@ -149,7 +150,7 @@ pub(super) fn covariance(
         factors[SURFACE_KIND] * weighing[SURFACE_KIND].sigma.powi(2),
         deviation.map_or(0.0, |it| it.rms_mm.powi(2)),
     ];
-    // The correlation length of the scan's own error is not known; the length with the largest effect counts.
+    // The correlation length of the scan's error is not known; the length with the largest effect is used.
     let at_lengths: Vec<Matrix6<f64>> = CORRELATION_LENGTHS_MM
         .par_iter()
         .map(|&alike_mm| of_edges + surface.covariance(alike_mm, variances))
@@ -184,20 +185,20 @@ pub(super) fn covariance(
     })
 }
 
-/// A place of the surface with its contribution to the fit's information.
+/// A surface point with its contribution to the information matrix of the fit.
 struct SurfacePlace {
-    /// Position of the place in the panel's plane, mm.
+    /// Position of the point in the plane of the panel, mm.
     at_mm: [f64; 2],
-    /// w Jᵀ of (1).
+    /// The gradient w Jᵀ of (1) for this point.
     weighted_gradient: Vector6<f64>,
-    /// The place's row of F of `deviation`.
+    /// The row of the matrix F (see `deviation`) for this point.
     rigid: Vector3<f64>,
 }
 
-/// The effect of the surface residuals' errors on the panel's pose.
+/// The effect of the errors of the surface residuals on the pose of the panel.
 struct SurfaceErrorEffects {
     places: Vec<SurfacePlace>,
-    /// B of (1) at each place.
+    /// The matrix column B of (1) for each surface point.
     moves: Vec<Vector6<f64>>,
     /// B⊥.
     bent: Vec<Vector6<f64>>,
@@ -205,7 +206,7 @@ struct SurfaceErrorEffects {
     of_rigid: Matrix3<f64>,
 }
 
-/// Returns places of the surface that represent all of its residuals.
+/// Selects surface points that represent all surface residuals.
 fn surface_places(
     residuals: &Residuals,
     weighing: &ResidualWeighting,
@@ -227,7 +228,7 @@ fn surface_places(
 }
 
 impl SurfaceErrorEffects {
-    /// Computes the effect of the residuals' errors on a fit whose information has this inverse.
+    /// Computes the effect of the residual errors on a fit; `inverse` is the inverse of its information matrix.
     fn new(places: Vec<SurfacePlace>, inverse: &Matrix6<f64>) -> SurfaceErrorEffects {
         let moves: Vec<Vector6<f64>> = places.iter().map(|place| inverse * place.weighted_gradient).collect();
         let squares: Matrix3<f64> = places.iter().map(|place| place.rigid * place.rigid.transpose()).sum();
@@ -239,7 +240,7 @@ impl SurfaceErrorEffects {
     }
 
     /// Returns the last two terms of (1), for this correlation length and these variances of the scan's error and of
-    /// the deviation, mm².
+    /// the panel's deviation, mm².
     fn covariance(&self, alike_mm: f64, [of_scan, of_panel]: [f64; 2]) -> Matrix6<f64> {
         let count = self.places.len();
         let (mut noise, mut bend, mut rigid) = (Matrix6::zeros(), Matrix6::zeros(), Matrix3::zeros());
@@ -258,23 +259,23 @@ impl SurfaceErrorEffects {
             bend += self.bent[i] * bend_with.transpose();
             rigid += self.places[i].rigid * rigid_with.transpose();
         }
-        // If a shift and two tilts are removed from a field of variance 1, its variance becomes smaller. The measured
-        // variance is this smaller one.
+        // Removing a shift and two tilts from a field of variance 1 reduces its variance. The measured variance is the
+        // reduced one.
         let left = 1.0 - (self.of_rigid * rigid).trace() / count.max(1) as f64;
         noise * of_scan + bend * (of_panel / left.max(MIN_VARIANCE_SHARE))
     }
 }
 
-/// One standard deviation along the direction in which a pose is constrained least.
+/// One standard deviation along the direction in which a pose is least constrained.
 pub(super) struct WeakestDirection {
-    /// The standard deviation as a twist (ω, v) about the panel's centre, rad and mm.
+    /// The standard deviation as a twist (ω, v) about the centre of the panel, rad and mm.
     pub twist: Vector6<f64>,
-    /// The same twist in mm; a rotation counts by the mean distance by which it moves points.
+    /// The same twist in mm; for a rotation the mean distance by which it displaces the points of the panel.
     pub moves_mm: Vector6<f64>,
 }
 
-/// Returns the largest standard deviation. Rotations and shifts are compared by the mean displacement of the panel
-/// that they cause.
+/// Returns the direction with the largest standard deviation. Rotations and shifts are compared by the mean
+/// displacement of the panel that they cause.
 pub(super) fn weakest_direction(covariance: &Matrix6<f64>, model: &Model) -> WeakestDirection {
     let count = model.points.len().max(1) as f64;
     let squares = model.points.iter().map(|point| (point - model.centre).norm_squared()).sum::<f64>();
@@ -287,7 +288,7 @@ pub(super) fn weakest_direction(covariance: &Matrix6<f64>, model: &Model) -> Wea
     WeakestDirection { twist: moves_mm.component_div(&to_mm), moves_mm }
 }
 
-/// Returns f of (2).
+/// Returns the factor f of (2).
 fn correlation_inflation(
     constraints: &[Constraint],
     weighing: &ResidualWeighting,
@@ -299,18 +300,18 @@ fn correlation_inflation(
         let sums = cells.entry(cell(constraint.sample)).or_default();
         *sums = (sums.0 + robust, sums.1 + robust * constraint.residual);
     }
-    // The mean of a cell at the rim with only a few points is noisy, and would look like correlated noise.
+    // The mean of a cell at the rim with few points is noisy, and would look like correlated noise.
     let filled = cells.values().filter(|(weight, _)| *weight >= MIN_CELL_FILL_SHARE * weighing.correlated_count);
     let (count, squares) = filled.fold((0.0, 0.0), |(count, squares), (weight, sum)| {
         let mean = sum / weight;
         (count + 1.0, squares + mean * mean / (weighing.sigma * weighing.sigma))
     });
-    // The fit absorbs a part of the noise. Therefore cells never prove that there is less noise than stated.
+    // The fit absorbs a part of the noise. Therefore the cells never reduce the stated noise.
     ((PRIOR_CELLS + squares) / (PRIOR_CELLS + count)).max(1.0)
 }
 
-/// Returns one standard deviation at the point of the panel with the largest error, along the direction in which that
-/// error is largest, mm.
+/// Returns one standard deviation at the point of the panel with the largest error, along the direction of this error,
+/// mm.
 pub(super) fn worst_mm(covariance: &Matrix6<f64>, model: &Model, motion: &RigidF32) -> f64 {
     let centre = motion.point(&model.centre);
     let at = |point: &Vector3<f64>| {
@@ -328,10 +329,10 @@ pub(super) fn worst_mm(covariance: &Matrix6<f64>, model: &Model, motion: &RigidF
 mod tests {
     use super::*;
 
-    /// Returns the effect of errors on a panel of 300 × 200 mm with 25 × 17 places, whose slope along x has this value
-    /// at its ends. With a linear slope the panel would be a parabola, which a slide only tilts; here the slope is
+    /// Returns the effect of errors on a panel of 300 × 200 mm with 25 × 17 surface points; `slope` is its slope along
+    /// x at its ends. With a linear slope the panel would be a parabola, which a slide only tilts. Here the slope is
     /// proportional to the square of x, so that a slide bends the panel. The fit has the information of the surface,
-    /// and `of_outline` per mm² against a slide along x and y and a rotation.
+    /// and `of_outline` per mm² for a shift along x and y and for a rotation.
     fn moves(slope: f64, of_outline: f64) -> SurfaceErrorEffects {
         let place = |n: usize| {
             let [x, y] = [(n % 25) as f64 * 12.5 - 150.0, (n / 25) as f64 * 12.5 - 100.0];
@@ -354,9 +355,9 @@ mod tests {
         SurfaceErrorEffects::new(places, &(of_surface + outline).try_inverse().expect("held"))
     }
 
-    /// By hand: an error that is the same over the whole panel shifts the panel by this error and does not tilt it. An
-    /// error with a much shorter correlation length is averaged over n independent cells of ℓ²: 0.1 mm over 60000 / 30²
-    /// = 67 cells is 0.012 mm.
+    /// Expected values, calculated by hand: an error that is constant over the whole panel shifts the panel by this
+    /// error and does not tilt it. An error with a much shorter correlation length is averaged over n independent cells
+    /// of ℓ²: 0.1 mm over 60000 / 30² = 67 cells is 0.012 mm.
     #[test]
     fn a_scan_error_longer_than_the_panel_is_a_shift_that_no_residual_shows() {
         let flat = moves(0.0, 1.0);
@@ -368,8 +369,8 @@ mod tests {
     }
 
     /// A bend of 0.5 mm rms causes no shift or tilt along the normal, by the definition of a pose, and does not slide a
-    /// flat panel. It slides a curved panel whose outline hardly constrains it, and the more, the less the outline
-    /// constrains the panel.
+    /// flat panel. It slides a curved panel whose outline hardly constrains it; the displacement increases as the
+    /// constraint by the outline decreases.
     #[test]
     fn a_bend_slides_a_curved_panel_that_its_outline_hardly_constrains() {
         let bent = |slope: f64, of_outline: f64| moves(slope, of_outline).covariance(200.0, [0.0, 0.25]);
@@ -381,8 +382,9 @@ mod tests {
         assert!(bent(0.3, 1e6)[(5, 5)].sqrt() < 0.02);
     }
 
-    /// By hand: for a panel at a distance of 700 mm, moved by 20 mm along the view, 0.1 % that all scans share is 0.02
-    /// mm. 0.01 % that differs from scan to scan is 0.07 mm in each of the two scans, along the view.
+    /// Expected values, calculated by hand for a panel at a distance of 700 mm, moved by 20 mm along the view: a common
+    /// scale error of 0.1 % is 0.02 mm. A scale error of 0.01 % that differs from scan to scan is 0.07 mm in each of
+    /// the two scans, along the view.
     #[test]
     fn a_shared_scale_error_counts_with_the_distance_between_the_poses() {
         let (taught, now) = (Vector3::new(0.0, 0.0, 700.0), Vector3::new(0.0, 0.0, 720.0));
@@ -394,7 +396,7 @@ mod tests {
         let [shared, own] = scale_terms([&taught, &taught], &none, range);
         assert_eq!(shared, Matrix3::zeros());
         assert!((own[(2, 2)].sqrt() - 0.07 * std::f64::consts::SQRT_2).abs() < 1e-12, "{own}");
-        // After a tilt by a right angle, the error of the taught scan along its view lies sideways.
+        // After a tilt by a right angle, the error of the taught scan along its view is sideways.
         let tilt = Matrix3::new(0.0, 0.0, 1.0, 0.0, 1.0, 0.0, -1.0, 0.0, 0.0);
         let [_, own] = scale_terms([&taught, &taught], &tilt, range);
         assert!((own[(0, 0)].sqrt() - 0.07).abs() < 1e-12 && (own[(2, 2)].sqrt() - 0.07).abs() < 1e-12, "{own}");

@@ -1,13 +1,15 @@
-//! Calculates the bend of today's panel relative to the taught one: a smooth field along the normals.
+//! Calculates the bend of the present panel relative to the taught panel: a smooth field of distances along the
+//! normals.
 //!
 //! A pose is rigid, but a panel is not: it bends under its own weight, by moisture, or by its clamping. Therefore the
-//! pose of a bent panel is defined as follows. Along the normal it is the rigid pose nearest to the surface; in the
-//! panel's plane it is the pose that puts the outline of the bent panel on its edges. The remainder is the deviation
+//! pose of a bent panel is defined as follows. Along the normal it is the rigid pose nearest to the surface. In the
+//! plane of the panel it is the pose in which the outline of the bent panel agrees with the measured edges. The
+//! remainder is the deviation
 //!     d = c − F (FᵀF)⁻¹Fᵀ c.                                                                             (1)
-//! Here c is the smooth field that is fitted to the surface's residuals (`geometry/smooth_field`), and F the three
-//! motions along the normal, a shift and two tilts, at the samples. A bow therefore never counts as a shift or a tilt,
-//! and a shift or a tilt never counts as a bow. A slide of a curved panel in its plane looks like a deviation: only
-//! outline and marks constrain a bent panel there (`covariance`).
+//! Here c is the smooth field that is fitted to the residuals of the surface (`geometry/smooth_field`). The matrix F
+//! contains, for each sample, the three rigid motions along the normal: a shift and two tilts. A bow is therefore never
+//! treated as a shift or a tilt, and a shift or a tilt is never treated as a bow. A slide of a curved panel in its
+//! plane looks like a deviation: only outline and marks constrain a bent panel there (`covariance`).
 
 use super::fit::{FitInputs, IterationEnd, Residuals, Samples, fit};
 use super::grid::spread_indices;
@@ -15,29 +17,29 @@ use super::model::Model;
 use nalgebra::{Matrix3, Vector3};
 use panelprep_base::geometry::{HeightSample, RobustField, SmoothField};
 
-/// The approximate number of samples to which the field is fitted. For a panel of 330 × 220 mm this is forty samples
-/// for each coefficient, so that the error of a coefficient is a sixth of a sample's noise.
+/// Approximate number of samples to which the field is fitted. For a panel of 330 × 220 mm this is forty samples per
+/// coefficient, so that the error of a coefficient is a sixth of the noise of a sample.
 const MAX_FITTED_SAMPLES: usize = 2_500;
-/// A sample that is farther than this from the taught surface does not belong to the panel, mm; the limit is the same
-/// as for today's surface.
+/// Maximum distance between a sample of the panel and the taught surface, mm; the limit is the same as for the present
+/// surface.
 const MAX_DISTANCE_MM: f64 = 20.0;
-/// With fewer samples than this the field is not determined and no deviation is assumed.
+/// Minimum number of samples for a fit of the field; with fewer, no deviation is assumed.
 const MIN_FITTED_SAMPLES: usize = 200;
 
-/// The number of times that the deviation is calculated and the pose is fitted to the bent panel. The second iteration
-/// moves the pose by less than the noise.
+/// Number of iterations, each of which calculates the deviation and fits the pose to the bent panel. The second
+/// iteration moves the pose by less than the noise.
 const DEVIATION_ITERATIONS: usize = 2;
 
-/// The result of a fit, with the panel as it is bent at this pose.
+/// The result of a fit, with the bend of the panel at this pose.
 pub(super) struct BentFit {
     pub fitted: IterationEnd,
-    /// `None` if too little of the surface is seen: the panel is then used as it was taught.
+    /// `None` if too little of the surface is visible: the taught panel is then used without a bend.
     pub deviation: Option<Deviation>,
     /// The taught panel, bent by the deviation.
     pub model: Option<Model>,
 }
 
-/// Estimates the deviation, beginning with the result of a fit of the taught panel to these samples.
+/// Estimates the deviation, starting with a fit of the taught panel to these samples.
 pub(super) fn estimate_deviation(fitted: IterationEnd, inputs: FitInputs<'_>, samples: &Samples) -> BentFit {
     let of_surface = samples.surface_only();
     let mut bent = BentFit { fitted, deviation: None, model: None };
@@ -48,8 +50,8 @@ pub(super) fn estimate_deviation(fitted: IterationEnd, inputs: FitInputs<'_>, sa
             break;
         };
         let model = deviation.bent_panel(inputs.model);
-        // The fit is repeated after each estimate of the bend: the outline of the bent panel lies elsewhere, and it
-        // alone constrains a bent panel sideways.
+        // The fit is repeated after each estimate of the bend: the bend moves the outline, and only the outline
+        // constrains a bent panel sideways.
         let Some(fitted) = fit(&bent.fitted.camera_from_panel, FitInputs { model: &model, ..inputs }, samples)
         else {
             break;
@@ -59,7 +61,7 @@ pub(super) fn estimate_deviation(fitted: IterationEnd, inputs: FitInputs<'_>, sa
     bent
 }
 
-/// The plane of a panel, in which a position has two coordinates.
+/// The mean plane of a panel, with two coordinates for a position.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct PanelPlane {
     centre: Vector3<f64>,
@@ -82,8 +84,9 @@ impl PanelPlane {
         [arm.dot(&self.axes[0]), arm.dot(&self.axes[1])]
     }
 
-    /// Returns a row of F: how far a point moves along its normal for each of three motions. These are a shift along
-    /// the panel's mean normal, and a rotation of one radian about each axis in the plane.
+    /// Returns the row of F for a point: how far the point moves along its normal for each of three motions. The
+    /// motions are a shift along the mean normal of the panel, and a rotation of one radian about each axis in the
+    /// plane.
     pub fn motions(&self, point: &Vector3<f64>, normal: &Vector3<f64>) -> Vector3<f64> {
         let about = (point - self.centre).cross(normal);
         Vector3::new(normal.dot(&self.axes[2]), about.dot(&self.axes[0]), about.dot(&self.axes[1]))
@@ -95,20 +98,20 @@ impl PanelPlane {
 pub(super) struct Deviation {
     plane: PanelPlane,
     field: SmoothField,
-    /// The lower corner and the sides of the rectangle in the plane on which the field is defined.
+    /// Lower corner and side lengths of the rectangle in the plane on which the field is defined.
     low_mm: [f64; 2],
     sides_mm: [f64; 2],
-    /// The shift and the rotations of c that (1) removes.
+    /// The shift and the rotations that (1) removes from c.
     rigid: Vector3<f64>,
-    /// The largest deviation over the samples that were seen, mm.
+    /// Maximum deviation over the visible samples, mm.
     pub largest_mm: f64,
-    /// Root mean square of the deviation over these samples, mm.
+    /// Root mean square deviation over the visible samples, mm.
     pub rms_mm: f64,
 }
 
 impl Deviation {
-    /// Computes the deviation from the surface's residuals, for a model that is already bent by `bent`; `None` if too
-    /// little of the surface is seen.
+    /// Computes the deviation from the residuals of the surface. `bent` is the deviation by which `model` is already
+    /// bent. `None` if too little of the surface is visible.
     pub fn from_residuals(residuals: &Residuals, model: &Model, bent: Option<&Deviation>) -> Option<Self> {
         let plane = PanelPlane::from_model(model)?;
         let places: Vec<[f64; 2]> = model.points.iter().map(|point| plane.plane_position(point)).collect();
@@ -120,13 +123,13 @@ impl Deviation {
         let seen = |index: usize| {
             let constraint = &residuals.surface[index];
             let sample = constraint.sample;
-            // The total deviation from the taught panel is fitted in each round, so that rounds do not add up rounding
-            // and noise.
+            // The total deviation from the taught panel is fitted in each iteration, so that rounding and noise do not
+            // accumulate.
             let before_mm =
                 bent.map_or(0.0, |bent| bent.deviation_at_mm(&model.points[sample], &model.normals[sample]));
             let at = [0, 1].map(|axis| (places[sample][axis] - low_mm[axis]) / sides_mm[axis]);
             let height = HeightSample { position: at, height_mm: before_mm - constraint.residual };
-            // A sample beyond this limit is another object, which must not bend the panel towards itself.
+            // A sample beyond this limit is on another object, which must not bend the panel towards itself.
             (height.height_mm.abs() <= MAX_DISTANCE_MM).then_some((sample, height))
         };
         let seen: Vec<(usize, HeightSample)> =
@@ -136,7 +139,7 @@ impl Deviation {
         }
         let heights: Vec<HeightSample> = seen.iter().map(|(_, height)| *height).collect();
         let RobustField { field, limit_mm } = SmoothField::fit_robust(sides_mm, &heights)?;
-        // Samples without weight, such as those on a clamp, are not part of the panel.
+        // Samples without weight, for example on a clamp, are not part of the panel.
         let of_panel: Vec<(Vector3<f64>, f64)> = seen
             .iter()
             .map(|(sample, height)| (sample, height, field.height_at(height.position)))
@@ -148,7 +151,7 @@ impl Deviation {
             squares += row * row.transpose();
             sums += row * *there_mm;
         }
-        // A shift and two tilts belong to the pose: as a part of the bend, they would be counted twice or not at all.
+        // A shift and two tilts belong to the pose: as a part of the bend they would be counted twice or not at all.
         let rigid = squares.cholesky()?.solve(&sums);
         let sizes: Vec<f64> = of_panel.iter().map(|(row, there_mm)| there_mm - rigid.dot(row)).collect();
         let mut deviation = Deviation { plane, field, low_mm, sides_mm, rigid, largest_mm: 0.0, rms_mm: 0.0 };
@@ -157,7 +160,7 @@ impl Deviation {
         Some(deviation)
     }
 
-    /// Returns how far today's panel lies in front of the taught one, at a point of the taught panel with this
+    /// Returns the distance of the present panel in front of the taught panel, at a point of the taught panel with this
     /// normal, mm.
     pub fn deviation_at_mm(&self, point: &Vector3<f64>, normal: &Vector3<f64>) -> f64 {
         let place = self.plane.plane_position(point);
@@ -185,7 +188,7 @@ mod tests {
     use panelprep_base::verdict::{Judgement, Verdict};
     use panelprep_sim::{Cell, Scene};
 
-    /// Locates the panel of a cell in a scan of that cell, and returns the fit and the verdict.
+    /// Locates the panel of a cell in a scan of the cell, and returns the fit and the verdict.
     fn located(cell: &Cell, scan: &OrganizedCloud<Camera>) -> (Fit, Judgement) {
         let (panel, recipe) = taught(cell);
         let (camera, base_from_camera) = (cell.scanner(), cell.calibrated_base_from_camera());
@@ -199,9 +202,10 @@ mod tests {
         judgement.reasons.iter().map(|reason| &*reason.code).collect()
     }
 
-    /// By hand: a parabola of 2 mm over ±165 mm differs from its mean by 2/3 mm in the middle, and by 4/3 mm to the
-    /// other side at its ends. The remaining residual is the scans' noise, less than 0.12 mm. The panel has parts
-    /// farther out than its straight ends, so that the deviation may be slightly larger.
+    /// Expected values, calculated by hand: a parabola of 2 mm over ±165 mm differs from its mean by 2/3 mm in the
+    /// middle, and by 4/3 mm in the opposite direction at its ends. The remaining residual is the noise of the scans,
+    /// less than 0.12 mm. Parts of the panel are farther out than its straight ends, so the deviation may be slightly
+    /// larger.
     #[test]
     fn a_panel_that_bows_by_2_mm_is_the_panel() {
         for bow_mm in [2.0, -2.0] {
@@ -215,7 +219,7 @@ mod tests {
         }
     }
 
-    /// A panel with this outline and a curvature that differs by 6 mm needs at least a person's review.
+    /// A panel with the same outline and a curvature that differs by 6 mm needs at least a review by a person.
     #[test]
     fn another_curvature_is_not_accepted() {
         for bow_mm in [6.0, -6.0] {
@@ -225,8 +229,8 @@ mod tests {
         }
     }
 
-    /// A plate 2 mm thick on a quarter of the panel, and waves of 50 mm length and 0.5 mm height: no smooth bend
-    /// explains either of them.
+    /// A plate 2 mm thick on a quarter of the panel, and waves of 50 mm length and 0.5 mm height: neither of them is
+    /// explained by a smooth bend.
     #[test]
     fn a_shape_that_no_smooth_bend_explains_is_a_poor_fit() {
         let cell = Cell::new(4, Scene::Good, 4);

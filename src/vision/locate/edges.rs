@@ -1,53 +1,53 @@
-//! Finds the panel's edge in the scan beside a point of its taught outline. In a picture, the edge is where brightness
-//! changes from one level to another along a short line; it is measured to a fraction of a pixel.
+//! Finds the edge of the panel in the scan beside a point of its taught outline. In a picture, an edge is a change of
+//! brightness from one level to another along a short line; its position is measured to a fraction of a pixel.
 //!
-//! The measured depths give the approximate edge: inside of the edge they lie on the panel's surface, outside of the
-//! edge they lie behind it. The colour picture gives the exact edge if the brightness of the two sides differs. If a
-//! nearer object occludes the edge, none is reported.
+//! The measured depths give the approximate edge: inside of the edge the points are on the surface of the panel,
+//! outside of the edge they are behind it. The colour picture gives the exact edge if the brightness of the two sides
+//! differs. If a nearer object occludes the edge, none is reported.
 //!
-//! A 3D camera has no points where its projector does not reach. The panel's shadow lies on the background along one
-//! side of its edge, and the shadow of an object in front of the panel lies on the panel. Missing points beyond the
+//! A 3D camera has no points where its projector does not reach. The shadow of the panel is on the background along one
+//! side of its edge, and the shadow of an object in front of the panel is on the panel. Missing points beyond the
 //! surface are therefore no measure of the distance to its edge. If points are missing inside of the edge, depth gives
-//! no information and the colour picture alone decides.
+//! no information and only the colour picture is used.
 //!
-//! Brightness is read every pixel along a line; inside and outside of the edge it has the levels a and b. The edge lies
-//! near the place at which brightness passes the middle between the two. The edge's position is that of an ideal step
+//! Brightness is read at every pixel along a line; inside and outside of the edge it has the levels a and b. The edge
+//! is near the position at which the brightness crosses (a + b)/2. The position of the edge is that of an ideal step
 //! with the same sum of brightness:
-//!     Σᵢ (b − gᵢ) / (b − a)  =  number of places inside of the edge.                                         (1)
-//! A pixel is the mean over its area, so that (1) holds wherever the edge lies in its pixel; the crossing itself is
-//! biased towards the pixels' centres. A taught and a scanned edge are evaluated in the same way, so that the effect of
+//!     Σᵢ (b − gᵢ) / (b − a)  =  number of positions inside of the edge.                                      (1)
+//! A pixel is the mean over its area, so (1) holds wherever the edge is within its pixel; the crossing is biased
+//! towards the centres of the pixels. A taught and a scanned edge are evaluated in the same way, so that the effect of
 //! a lens or a gamma cancels.
 
 use super::grid::ColoredCloud;
 use nalgebra::{Vector2, Vector3};
 use panelprep_base::geometry::{Frame, OrganizedCloud, PinholeCamera, Pixel};
 
-/// A point that is farther than this from the surface's plane belongs to another object, mm. The second constant is
-/// added to this limit for each px of distance from the edge.
+/// Maximum distance between a point of the surface and the tangent plane of the surface, mm.
+/// `MAX_SURFACE_DISTANCE_MM_PER_PX` is added for each px of distance from the edge.
 const MAX_SURFACE_DISTANCE_MM: f64 = 1.5;
 const MAX_SURFACE_DISTANCE_MM_PER_PX: f64 = 0.15;
-/// Smallest cosine of the angle between view and normal: a more slanted surface is treated as if it had this slant.
+/// Lower limit of the cosine of the angle between view and normal: a more slanted surface is treated as if it had this
+/// slant.
 const MIN_INCIDENCE_COSINE: f64 = 0.3;
-/// The number of pixels just inside of an edge that are examined, and the number of these that must be on the surface.
+/// Number of pixels just inside of an edge that are examined; `MIN_INSIDE_PIXELS` of them must be on the surface.
 const INSIDE_PX: i32 = 6;
 const MIN_INSIDE_PIXELS: usize = 3;
-/// Maximum distance between the edges by colour and by depth, px.
+/// Maximum distance between the edge by colour and the edge by depth, px.
 const MAX_COLOUR_DEPTH_DISTANCE_PX: f64 = 2.6;
-/// The largest width of the strip of missing points that an edge causes, px: if points are missing farther beyond a
-/// surface, the cause is a shadow.
+/// Maximum width of the strip of missing points that an edge causes, px; a wider strip is a shadow.
 const MAX_RIM_PX: i32 = 3;
-/// The largest gap between the depths on the surface and behind it that still determines the edge, px: with a larger
-/// gap colour must show the edge.
+/// Maximum gap between the depths on the surface and behind it that still determines the edge, px; with a larger gap
+/// colour must show the edge.
 const MAX_GAP_PX: i32 = 8;
 
 /// The result of the search for the edge beside a point of the outline.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum EdgeReading {
-    /// The edge was found by colour: its distance from the point outwards, and the width of its step, px.
+    /// The edge was found by colour, at this distance outwards from the point and with this width of its step, px.
     Colour { offset_px: f64, width_px: f64 },
     /// The edge was found only by depth.
     Depth { offset_px: f64 },
-    /// A nearer object hides the edge, or the surface faces away.
+    /// A nearer object hides the edge, or the surface faces away from the camera.
     Hidden,
     /// The edge lies outside of the picture.
     OutOfView,
@@ -56,8 +56,8 @@ pub(super) enum EdgeReading {
 }
 
 impl EdgeReading {
-    /// Returns whether the edge is within this distance of its expected position, px; `None` if nothing could be seen
-    /// there.
+    /// Returns whether the edge is within this distance of its expected position, px; `None` if the position was not
+    /// visible.
     pub fn is_within_distance(self, most_px: f64) -> Option<bool> {
         match self {
             EdgeReading::Colour { offset_px, .. } | EdgeReading::Depth { offset_px } => {
@@ -77,13 +77,14 @@ enum DepthClass {
     Missing,
 }
 
-/// The surface's plane beside a point, as it appears in the picture: its inverse depth is linear in the pixels.
+/// The tangent plane of the surface at a point, as it appears in the picture: its inverse depth is linear in the
+/// pixels.
 pub(super) struct Tangent {
     at: Pixel,
     inverse: f64,
-    /// The gradient of the inverse depth, per mm and px.
+    /// Gradient of the inverse depth in the picture, per mm and px.
     slope: Vector2<f64>,
-    /// Cosine of the angle between the view and the surface's normal, 0…1.
+    /// Cosine of the angle between the view and the normal of the surface, 0…1.
     incidence_cosine: f64,
 }
 
@@ -98,7 +99,7 @@ impl Tangent {
         }
     }
 
-    /// Returns how far a depth at a pixel lies behind the plane, along the plane's normal, mm.
+    /// Returns the distance of a measured depth at a pixel behind the plane, along the normal of the plane, mm.
     pub fn depth_behind_mm(&self, column: usize, row: usize, depth_mm: f64) -> f64 {
         let way = Vector2::new(column as f64 - self.at.u, row as f64 - self.at.v);
         let plane_mm = 1.0 / (self.inverse + self.slope.dot(&way));
@@ -106,7 +107,7 @@ impl Tangent {
     }
 }
 
-/// Finds the edge beside a place of a picture; the surface there has this point and normal, in the camera's frame.
+/// Finds the edge beside a position in a picture; the surface there has this point and normal, in the camera frame.
 /// `across` points away from the panel.
 pub(super) fn find_edge(
     camera: &PinholeCamera,
@@ -124,7 +125,7 @@ pub(super) fn edge(
     is_patchy: bool,
 ) -> EdgeReading {
     let reach = HALF_LENGTH_PX as i32;
-    // The whole line must be in the picture: a half of it could show only one side of the edge.
+    // The whole line must be in the picture: half of a line could show only one side of the edge.
     let margin = f64::from(reach) + 1.0;
     let (width, height) = (scan.width() as f64, scan.height() as f64);
     let inside = pixel.u >= margin && pixel.v >= margin && pixel.u < width - margin && pixel.v < height - margin;
@@ -156,7 +157,7 @@ pub(super) fn edge(
     let line = line(scan, pixel, [across.x, across.y]);
     let near = |expected_px: f64| {
         let step = step(line.as_ref()?, expected_px)?;
-        // A step that is farther away is paint, a shadow or another object, even if it is the strongest one.
+        // A step farther away is paint, a shadow or another object, even if it is the strongest step.
         ((step.offset_px - expected_px).abs() <= MAX_COLOUR_DEPTH_DISTANCE_PX).then_some(step)
     };
     match near(rough_px).or_else(|| if is_patchy { strongest_step(&depths, near) } else { None }) {
@@ -166,9 +167,9 @@ pub(super) fn edge(
     }
 }
 
-/// Returns the strongest step of brightness if the gap of missing points is wider than a rim. The panel's own points
-/// may be among the missing ones, so that its edge is anywhere between the last point on the surface and the first
-/// point behind it.
+/// Returns the strongest step of brightness if the gap of missing points is wider than a rim. Points of the panel may
+/// be among the missing ones, so the edge is anywhere between the last point on the surface and the first point behind
+/// it.
 fn strongest_step(depths: &[DepthClass], near: impl Fn(f64) -> Option<BrightnessStep>) -> Option<BrightnessStep> {
     let middle = depths.len() as i32 / 2;
     let missing = |i: &i32| depths.get(*i as usize) == Some(&DepthClass::Missing);
@@ -187,15 +188,14 @@ enum DepthEdge {
     At(f64),
     /// A position near which colour must show the edge, if there is one.
     Near(f64),
-    /// No edge is searched; the value is the result.
+    /// No edge is searched by colour; the value is the result.
     Not(EdgeReading),
 }
 
 fn find_depth_edge(depths: &[DepthClass]) -> DepthEdge {
     let count = depths.len() as i32;
     let at = |i: i32| depths.get(i as usize).copied().unwrap_or(DepthClass::Missing);
-    // A single flying point does not count as the end of the surface: two of the three next points must be of the same
-    // kind.
+    // A single flying point is not the end of the surface: two of the three following points must be of the same kind.
     let ends = |i: i32, what: DepthClass| at(i) == what && (i + 1..i + 4).filter(|&j| at(j) == what).count() >= 2;
     let farther = (0..count).find(|&i| ends(i, DepthClass::Farther));
     let nearer = (0..count).find(|&i| ends(i, DepthClass::Nearer));
@@ -218,43 +218,44 @@ fn find_depth_edge(depths: &[DepthClass]) -> DepthEdge {
         return DepthEdge::Not(EdgeReading::Absent);
     }
     let open = farther.map_or(2, |far| far - last_on);
-    // At an edge points are missing on both sides of it, so that the edge is in the middle of the gap; of a wide gap
-    // only the width of a rim counts.
+    // At an edge points are missing on both sides of it, so the edge is in the middle of the gap; of a wide gap only
+    // the width of a rim is used.
     let rough_px = f64::from(last_on - middle) + f64::from(open.min(MAX_RIM_PX)) / 2.0;
     if open <= MAX_GAP_PX { DepthEdge::At(rough_px) } else { DepthEdge::Near(rough_px) }
 }
 
-/// The number of positions that are read to each side of the line's middle, px.
+/// Number of positions on a line to each side of its middle, px.
 pub(super) const HALF_LENGTH_PX: usize = 12;
-/// The number of positions on a line.
+/// Number of positions on a line.
 pub(super) const POSITION_COUNT: usize = 2 * HALF_LENGTH_PX + 1;
-/// The levels are read between these two distances from the edge, px.
+/// Minimum (`LEVEL_FROM_PX`) and maximum (`LEVEL_TO_PX`) distance from the edge at which the levels of both sides are
+/// read, px.
 const LEVEL_FROM_PX: f64 = 2.5;
 const LEVEL_TO_PX: f64 = 6.0;
-/// The edge is searched for up to this distance on either side of its expected position, px.
+/// Maximum distance of the edge from its expected position, px.
 const SEARCH_REACH_PX: f64 = 3.0;
-/// The sum of (1) extends over this distance to each side of the crossing, px.
+/// Distance to each side of the crossing over which the sum of (1) extends, px.
 const SUM_REACH_PX: f64 = 1.6;
-/// Largest accepted difference between the position by (1) and the crossing, px.
+/// Maximum difference between the position by (1) and the crossing, px.
 const MAX_SUM_DIFFERENCE_PX: f64 = 0.5;
-/// Smallest accepted difference between the levels of the two sides, grey levels.
+/// Minimum difference between the levels of the two sides, grey levels.
 const MIN_CONTRAST: f64 = 14.0;
-/// Largest accepted variation of the brightness that determines a level, grey levels; the second constant is the limit
-/// as a fraction of the contrast. The larger limit applies.
+/// Maximum variation of the brightness that determines a level, grey levels. `MAX_LEVEL_VARIATION_SHARE` is the limit
+/// as a fraction of the contrast; the larger of both limits applies.
 const MAX_LEVEL_VARIATION: f64 = 10.0;
 const MAX_LEVEL_VARIATION_SHARE: f64 = 0.1;
 
-/// Brightness along a line, from the inside outwards.
+/// Brightness at the positions along a line, from the inside outwards.
 pub(super) type BrightnessLine = [f64; POSITION_COUNT];
 
-/// A step of brightness.
+/// A step of brightness on a line.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct BrightnessStep {
-    /// Distance of the step from the line's middle outwards, px.
+    /// Distance of the step from the middle of the line outwards, px.
     pub offset_px: f64,
     /// Level outside minus level inside, grey levels.
     pub contrast: f64,
-    /// The width of the step, from its contrast and its slope, px.
+    /// Width of the step, from its contrast and its slope, px.
     pub width_px: f64,
 }
 
@@ -291,7 +292,7 @@ pub(super) fn line<F: Frame>(scan: &OrganizedCloud<F>, middle: Pixel, outward: [
 /// Finds the step near a position of a line; `None` if the two sides are too similar.
 pub(super) fn step(line: &BrightnessLine, expected_px: f64) -> Option<BrightnessStep> {
     let first = find_single_step(line, expected_px)?;
-    // The levels are read again around the edge itself, instead of its expected place.
+    // The levels are read again around the measured edge, instead of its expected position.
     find_single_step(line, first.offset_px).or(Some(first))
 }
 
@@ -329,7 +330,7 @@ fn find_single_step(line: &BrightnessLine, expected_px: f64) -> Option<Brightnes
         as usize;
     let inside_places: f64 = line[first..=last].iter().map(|gray| (outside - gray) / contrast).sum(); // (1)
     let offset_px = first as f64 - 0.5 + inside_places - HALF_LENGTH_PX as f64;
-    // With a larger difference, the sum results from a spot beside the edge and not from the edge.
+    // With a larger difference, the sum contains a spot beside the edge.
     ((offset_px - crossed).abs() < MAX_SUM_DIFFERENCE_PX).then(|| BrightnessStep {
         offset_px,
         contrast,
@@ -337,7 +338,7 @@ fn find_single_step(line: &BrightnessLine, expected_px: f64) -> Option<Brightnes
     })
 }
 
-/// Returns the unit vector of the picture perpendicular to an outline's direction, outwards.
+/// Returns the unit vector in the picture that is perpendicular to the direction of an outline and points outwards.
 pub(super) fn outward_px(
     along: &nalgebra::Vector2<f64>,
     outward: &nalgebra::Vector2<f64>,
@@ -361,8 +362,8 @@ mod tests {
             .collect()
     }
 
-    /// By hand, with the middle at index 8: the surface ends at 9 and the plate begins at 12, so that the edge is
-    /// at 10.5, which is 2.5 outside. A single flying point between them has no effect.
+    /// Expected values, calculated by hand, with the middle at index 8: the surface ends at 9 and the plate begins at
+    /// 12, so the edge is at 10.5, which is 2.5 px outside. A single flying point between them has no effect.
     #[test]
     fn depths_state_where_the_surface_ends() {
         let rough = |text: &str| find_depth_edge(&depths(text));
@@ -374,9 +375,10 @@ mod tests {
         assert_eq!(rough("fffffffffffffffff"), DepthEdge::Not(EdgeReading::Absent), "it is not there");
     }
 
-    /// By hand: beyond the last point on the surface, at place 5, lies a shadow of 6 px; the edge is at the near end of
-    /// the shadow, 5 + 1.5, and not in its middle. If the shadow is so wide that it may also contain missing points of
-    /// the panel, colour must show the edge; the same applies if the panel itself is in a shadow.
+    /// Expected values, calculated by hand: beyond the last point on the surface, at position 5, there is a shadow of 6
+    /// px. The edge is at the near end of the shadow, 5 + 1.5, and not in its middle. If the shadow is so wide that it
+    /// may also contain missing points of the panel, colour must show the edge. The same applies if the panel itself is
+    /// in a shadow.
     #[test]
     fn missing_points_do_not_determine_the_edge() {
         let rough = |text: &str| find_depth_edge(&depths(text));
@@ -392,8 +394,8 @@ mod tests {
         );
     }
 
-    /// By hand: 70 inside, 180 outside; the pixel at +2 shows the panel on a quarter of its area, so that the edge is
-    /// at 1.5 + 0.25. The crossing would be at 1 + 55/82.5.
+    /// Expected values, calculated by hand: 70 levels inside, 180 outside. The pixel at +2 shows the panel on a quarter
+    /// of its area, so the edge is at 1.5 + 0.25. The crossing would be at 1 + 55/82.5.
     #[test]
     fn a_mixed_pixel_states_where_the_edge_is() {
         let line: BrightnessLine = std::array::from_fn(|i| match i as i64 - HALF_LENGTH_PX as i64 {

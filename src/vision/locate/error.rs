@@ -11,23 +11,23 @@ pub enum LocateError {
          check that the panel is in the fixture"
     )]
     EmptyBox {
-        /// The number of blocks with scan points in the box.
+        /// Number of blocks in the box that contain scan points.
         found: usize,
-        /// Number of points needed.
+        /// Minimum number of blocks.
         needed: usize,
     },
-    /// There are objects in the box, but none of the panel's size.
+    /// There are objects in the box, but none of the size of the panel.
     #[error(
         "none of {pieces} objects in the search box has the panel's size: the most similar object has {} mm², the \
          panel has {} mm²; check that the right panel is in the fixture and that nothing is in front of it", distinguishable_texts(*area_mm2, *taught_area_mm2, 0)[0],
         distinguishable_texts(*area_mm2, *taught_area_mm2, 0)[1]
     )]
     NoPieceFits {
-        /// Number of pieces examined.
+        /// Number of examined objects.
         pieces: usize,
-        /// Area of the most similar object, mm².
+        /// Area of the object that is most similar to the panel, mm².
         area_mm2: f64,
-        /// The panel's area, mm².
+        /// Area of the panel, mm².
         taught_area_mm2: f64,
     },
     /// Surface and outline leave one direction unconstrained.
@@ -36,9 +36,9 @@ pub enum LocateError {
          and {outline} on the outline; scan the whole panel"
     )]
     Degenerate {
-        /// The number of points matched on the surface.
+        /// Number of matched points on the surface.
         surface: usize,
-        /// The number of points matched on the outline.
+        /// Number of matched points on the outline.
         outline: usize,
     },
 }

@@ -1,21 +1,23 @@
-//! The evidence for a located pose, in numbers.
+//! The evidence for a located pose, as measured values.
 //!
-//! It consists of the matched fractions, the uncertainty of the pose (`covariance`), the results of further checks
-//! (independent starts, competing poses, the fixture), and the displacement from the nominal pose. `gate` judges these
-//! numbers. An error of the camera's calibration, which both scans share, is not visible here.
+//! The evidence consists of the matched fractions, the uncertainty of the pose (`covariance`), the results of further
+//! checks (independent starts, competing poses, the fixture), and the displacement from the nominal pose. The module
+//! `gate` compares these values with their limits. An error of the camera calibration, which both scans have in common,
+//! is not visible here.
 //!
 //! The matched fractions of the panel and of the scan are determined as follows. Each taught point is compared with the
-//! scan at its projection, and each point of the outline with the expected place of its edge. The pieces of the scan
-//! are compared with the taught panel at its pose. A point that is occluded or out of view counts neither as matched
-//! nor as evidence against the pose; nor does a missing point beside a nearer object that may shade it.
+//! scan at its projection, and each point of the outline with the expected position of its edge. The connected pieces
+//! of the scan are compared with the taught panel at its pose. A point that is occluded or out of view is neither
+//! matched nor evidence against the pose. The same is true for a missing point beside a nearer object that may shade
+//! it.
 //!
-//! An object in front of the panel may block the light of the 3D camera's projector. A camera with a projector has no
-//! points where its projector does not reach. The projector is mounted beside the lens, along the picture's rows, at a
-//! distance of at most B. An object at the depth z′ can shade a place at the depth z only if it is seen in the same
-//! row, at a distance of at most
+//! An object in front of the panel may block the light of the 3D camera's projector. A 3D camera has no points where
+//! the light of its projector does not reach. The projector is mounted beside the lens, along the rows of the picture,
+//! at a distance of at most B. An object at the depth z′ can shade a point at the depth z only if it is seen in the
+//! same row, at a distance of at most
 //!     f B (1/z′ − 1/z) px.                                                                               (1)
-//! It depends on the camera on which side of the place the object lies, so both sides are examined. A panel cannot
-//! shade itself: with slope s over k px, (1) is k s B / z, which is less than k up to s = 6, 81°.
+//! It depends on the camera on which side of the point the object is, so both sides are examined. A panel cannot shade
+//! itself: with slope s over k px, (1) is k s B / z, which is less than k up to s = 6, 81°.
 
 use super::camera_check::CameraCheck;
 use super::covariance::{PoseCovariance, WeakestMotion, covariance, worst_mm};
@@ -35,35 +37,35 @@ use panelprep_base::geometry::{
 };
 use rayon::prelude::*;
 
-/// A pose with its evidence.
+/// A located pose with its evidence.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fit {
     /// The panel's pose.
     pub base_from_panel: Rigid<Base, Panel>,
-    /// Root mean square of the scan's distances from the taught surface with its smooth deviation, mm: the part that
-    /// neither a bow nor a wave explains.
+    /// Root mean square distance of the scan from the taught surface with its smooth deviation, mm: the part that no
+    /// smooth bend explains.
     pub rms_mm: f64,
-    /// The largest distance of the panel from the taught one according to the smooth deviation, mm; `None` if too
-    /// little of the panel is seen.
+    /// Maximum distance between the present and the taught panel according to the smooth deviation, mm; `None` if too
+    /// little of the panel is visible.
     pub deviation_mm: Option<f64>,
-    /// Root mean square of the distances across the outline, mm.
+    /// Root mean square distance across the outline, mm.
     pub outline_rms_mm: f64,
-    /// Root mean square of the distances across the outline, in pixels of the 3D camera.
+    /// Root mean square distance across the outline, in pixels of the 3D camera.
     pub outline_rms_px: f64,
-    /// Fraction of the taught points that are found in the scan, 0…1. This fraction, `scan_found_share` and `measured` are
-    /// relative to a scan with the same number of missing points as the taught one.
+    /// Fraction of the taught points that are found in the scan, 0…1. This fraction, `scan_found_share` and `measured`
+    /// are relative to a scan with the same number of missing points as the taught scan.
     pub taught_found: f64,
-    /// Fraction of the area of the scan's pieces that the taught panel covers, 0…1.
+    /// Fraction of the area of the scanned pieces that the taught panel covers, 0…1.
     pub scan_found_share: f64,
     /// Fraction of the taught outline that is found in the scan, 0…1.
     pub outline_found: f64,
     /// Fraction of the taught points at which the scan shows a surface farther away.
     pub seen_through_share: f64,
-    /// Fraction of the taught outline in view at which the edge is missing or elsewhere, for example because the
+    /// Fraction of the taught outline in view at which the edge is missing or displaced, for example because the
     /// surface continues beyond the outline.
     pub outline_absent: f64,
-    /// Fraction of the taught marks in view that the scan shows at their place, 0…1; `None` if the panel has hardly
-    /// any marks.
+    /// Fraction of the taught marks in view that the scan shows at their taught positions, 0…1; `None` if the panel has
+    /// hardly any marks.
     pub marks_found: Option<f64>,
     /// Fraction of the taught points, in view and not hidden, at which the scan has a point: low if the panel is wet.
     pub measured: f64,
@@ -71,62 +73,61 @@ pub struct Fit {
     pub edge_width_px: Option<f64>,
     /// Median width of the steps of brightness at the outline at teaching, px.
     pub taught_edge_width_px: f64,
-    /// Fraction of the panel's pixels that are overexposed.
+    /// Fraction of the pixels of the panel that are overexposed.
     pub saturated_share: f64,
-    /// The number of steps of the fit.
+    /// Number of iterations of the fit.
     pub iterations: usize,
-    /// The largest displacement of the panel in the last step of the fit, mm.
+    /// Maximum displacement of the panel in the last iteration of the fit, mm.
     pub last_step_mm: f64,
-    /// The largest distance between the results of fits from independent starts, mm.
+    /// Maximum distance between the results of fits from independent starts, mm.
     pub agreement_mm: f64,
     /// The pose that explains the scan second best.
     pub rival: Option<CompetingPose>,
-    /// The check of the camera's pose by the fixture; `None` if too little of the fixture is visible.
+    /// Result of the comparison of the camera pose with the fixture; `None` if too little of the fixture is visible.
     pub camera: Option<CameraCheck>,
-    /// Uncertainty of the camera's pose, 95 %, as the taught scan's own fixture would determine it, mm. Computed if
-    /// this scan's fixture does not determine the pose well enough; `None` also if the taught scan shows too little of
+    /// Uncertainty of the camera pose, 95 %, as the fixture in the taught scan would determine it, mm. Computed if the
+    /// fixture in this scan does not determine the pose well enough; `None` also if the taught scan shows too little of
     /// the fixture.
     pub camera_at_teaching_mm: Option<f64>,
-    /// Covariance of a small twist (ω, v) about the panel's centre in the camera's frame, rad and mm.
+    /// Covariance of a small twist (ω, v) about the centre of the panel in the camera frame, rad and mm.
     pub covariance: Matrix6<f64>,
     /// The panel's centre.
     pub centre: Point<Panel>,
-    /// The largest error over the whole panel is smaller than this with a probability of 95 %, mm.
+    /// Uncertainty of the pose, 95 %: the maximum error over the whole panel, mm.
     pub uncertainty_mm: f64,
-    /// The same uncertainty if the panel were at its taught pose, at which a scale error that all scans of the 3D
-    /// camera share has no effect, mm.
+    /// This uncertainty if the panel were at its taught pose, at which the common scale error of all scans of the 3D
+    /// camera has no effect, mm.
     pub uncertainty_at_taught_place_mm: f64,
-    /// The same uncertainty if the 3D camera's distances had no scale error at all, mm.
+    /// This uncertainty if the distances of the 3D camera had no scale error at all, mm.
     pub uncertainty_without_scale_mm: f64,
-    /// 95 % of the errors along the weakest direction are smaller than this, mm; a rotation counts by its mean
-    /// displacement.
+    /// Uncertainty along the least constrained direction, 95 %, mm; for a rotation its mean displacement of the panel.
     pub weakest_mm: f64,
     /// The weakest direction.
     pub weakest_direction: WeakestMotion,
-    /// Distance of the panel's centre from its nominal position, mm.
+    /// Distance between the centre of the panel and its nominal position, mm.
     pub shift_mm: f64,
-    /// The rotation in the panel's plane, about its mean normal, −180…180°.
+    /// Rotation in the plane of the panel, about its mean normal, −180…180°.
     pub turn: Degrees,
-    /// The tilt of the panel's mean normal.
+    /// Tilt of the mean normal of the panel.
     pub tilt: Degrees,
-    /// The number of taught points that were used.
+    /// Number of taught points that were used.
     pub points: usize,
 }
 
 /// A competing pose (rival), and the evidence that distinguishes it from the first pose.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CompetingPose {
-    /// The panel's pose according to the rival.
+    /// The pose of the panel according to the rival.
     pub base_from_panel: Rigid<Base, Panel>,
-    /// The rotation between the two poses.
+    /// Angle of the rotation between the two poses.
     pub rotation: Degrees,
-    /// Length of outline, and of surface counted as a length, that supports only the first pose, mm.
+    /// Length of outline, and of surface converted to a length, that supports only the first pose, mm.
     pub for_first_mm: f64,
-    /// Length of outline, and of surface counted as a length, that supports only the rival, mm.
+    /// Length of outline, and of surface converted to a length, that supports only the rival, mm.
     pub for_rival_mm: f64,
 }
 
-/// A length of outline that may match by chance, mm.
+/// Length of outline that may match by chance, mm.
 const CHANCE_MATCH_MM: f64 = 8.0;
 
 impl CompetingPose {
@@ -137,8 +138,8 @@ impl CompetingPose {
 }
 
 impl Fit {
-    /// Returns the smaller of two fractions: that of the taught points found in the scan, and that of the scan's points
-    /// found among the taught points.
+    /// Returns the smaller of two fractions: of the taught points that are found in the scan, and of the scanned points
+    /// that are found among the taught points.
     pub fn overlap(&self) -> f64 {
         self.taught_found.min(self.scan_found_share)
     }
@@ -158,7 +159,7 @@ impl Fit {
         }
     }
 
-    /// Returns the uncertainty of the pose at each place of the panel, for this pose of the camera.
+    /// Returns the uncertainty of the pose at each point of the panel, for this pose of the camera.
     pub fn pose_uncertainty(&self, base_from_camera: Rigid<Base, Camera>) -> PoseUncertainty {
         PoseUncertainty {
             camera_from_panel: base_from_camera.inverse() * self.base_from_panel,
@@ -167,26 +168,26 @@ impl Fit {
         }
     }
 
-    /// Returns by how many pixels a step of brightness at the outline is wider than at teaching; `None` if colour shows
-    /// no edge.
+    /// Returns by how many pixels the steps of brightness at the outline are wider than at teaching; `None` if colour
+    /// shows no edge.
     pub fn blur_px(&self) -> Option<f64> {
         self.edge_width_px.map(|width_px| width_px - self.taught_edge_width_px)
     }
 
-    /// Returns the smallest distance by which the camera's motion can have displaced the panel since teaching, mm: the
-    /// fixture's result minus its uncertainty.
+    /// Returns the minimum displacement of the panel by the motion of the camera since teaching, mm: the result of the
+    /// fixture minus its uncertainty.
     pub fn camera_moved_mm(&self) -> Option<f64> {
         self.camera.map(|camera| camera.moved_mm - camera.uncertainty_mm)
     }
 }
 
-/// Evidence that does not come from the fit itself.
+/// The evidence that does not come from the fit.
 pub(super) struct FurtherEvidence {
     pub agreement_mm: f64,
     pub rival: Option<CompetingPose>,
     pub camera: Option<CameraCheck>,
     pub camera_at_teaching_mm: Option<f64>,
-    /// The bend of the panel; the model in the fit's inputs is the panel with this bend.
+    /// The bend of the panel; the model in the inputs of the fit is the panel with this bend.
     pub deviation: Option<Deviation>,
 }
 
@@ -214,10 +215,10 @@ pub(super) fn compute_evidence(
     let at_worst_mm = |covariance| PANEL_MAX_95 * worst_mm(covariance, model, &motion);
     let surface = SurfaceShares::compute(&motion, inputs);
     let outline = OutlineShares::compute(&residuals, model);
-    // Points that were missing at teaching and points that are missing now are independent of each other.
-    let of_expected = |share: f64| (share / model.measured_fraction).min(1.0);
-    // The camera's mount is used only here: everything before is in the camera's frame and does not depend on the
-    // mount's calibration.
+    // The points that were missing at teaching and the points that are missing now are independent of each other.
+    let of_expected = |share: f64| (share / model.measured_share).min(1.0);
+    // The camera mount is used only here: everything before is in the camera frame and does not depend on the
+    // calibration of the mount.
     let base_from_panel = base_from_camera * placed;
     let (shift_mm, turn, tilt) = displacement(base_from_panel, model);
     let (px_per_mm, _) = grid.camera.px_per_mm_at(residuals.centre.z);
@@ -257,11 +258,11 @@ pub(super) fn compute_evidence(
     })
 }
 
-/// Returns the shift of the centre, the rotation about the mean normal and the tilt of this normal, relative to the
+/// Returns the shift of the centre, the rotation about the mean normal and the tilt of the mean normal, relative to the
 /// nominal pose.
 fn displacement(base_from_panel: Rigid<Base, Panel>, model: &Model) -> (f64, Degrees, Degrees) {
-    // The motion is expressed in the panel's frame at its nominal pose: only there are coordinates of the two poses
-    // comparable.
+    // The motion is expressed in the panel frame at its nominal pose, the only frame in which the coordinates of the
+    // two poses are comparable.
     let moved = model.nominal_pose.inverse() * base_from_panel;
     let (centre, normal) = (model.centre_point(), model.normal_direction());
     // Swing-twist decomposition: the part of the quaternion along the normal is the rotation in the plane.
@@ -271,11 +272,11 @@ fn displacement(base_from_panel: Rigid<Base, Panel>, model: &Model) -> (f64, Deg
     ((moved * centre).distance_mm(centre), Degrees::from_rad(wrapped_rad), (moved * normal).angle_between(normal))
 }
 
-/// Largest distance between a point of the outline and the edge at which the point counts as found, px.
+/// Maximum distance between a point of the outline and its measured edge, for the point to be found, px.
 pub(super) const MAX_FOUND_EDGE_DISTANCE_PX: f64 = 1.5;
-/// A channel at this level or above is saturated.
+/// Minimum level of a saturated channel.
 pub const MIN_SATURATED_LEVEL: u8 = 252;
-/// Smallest fraction of a piece that must lie on the panel for the piece to be a part of the panel.
+/// Minimum fraction of a piece that is on the panel, for the piece to be a part of the panel.
 const MIN_SHARE_ON_PANEL: f64 = 0.2;
 
 /// Fractions of the taught surface, 0…1.
@@ -364,10 +365,10 @@ impl OutlineShares {
     }
 }
 
-/// Smallest length of mark borders in view, mm: a panel with less has no usable marks.
+/// Minimum length of mark borders in view, mm: a panel with less has no usable marks.
 const MIN_MARKS_MM: f64 = 100.0;
 
-/// Returns the fraction of the marks in view that are at their place, by the length of their borders, 0…1.
+/// Returns the fraction of the marks in view that are at their taught positions, by the length of their borders, 0…1.
 fn marks_found(residuals: &Residuals, model: &Model) -> Option<f64> {
     let (mut found_mm, mut in_view_mm) = (0.0, 0.0);
     for (mark, edge) in &residuals.mark_edges {
@@ -379,8 +380,8 @@ fn marks_found(residuals: &Residuals, model: &Model) -> Option<f64> {
     (in_view_mm >= MIN_MARKS_MM).then(|| found_mm / in_view_mm)
 }
 
-/// Returns the fraction of the panel's pieces that the taught panel covers. An object attached to the panel at a held
-/// place counts as another piece.
+/// Returns the fraction of the scanned pieces of the panel that the taught panel covers. An object attached to the
+/// panel at a holder is treated as a separate piece.
 fn scan_found_share(motion: &RigidF32, inputs: FitInputs<'_>, pieces: &[Piece]) -> f64 {
     if !inputs.model.held_px.is_empty() {
         return scan_overlap(motion, inputs, &cut_held_places(motion, inputs, pieces));
@@ -400,7 +401,7 @@ fn scan_overlap(motion: &RigidF32, inputs: FitInputs<'_>, pieces: &[Piece]) -> f
     found / f64::max(whole, 1.0)
 }
 
-/// Returns the pieces without the blocks that lie in a held place of the taught picture.
+/// Returns the pieces without the blocks within the holders of the taught picture.
 fn cut_held_places(motion: &RigidF32, inputs: FitInputs<'_>, pieces: &[Piece]) -> Vec<Piece> {
     let FitInputs { model, grid, .. } = inputs;
     let (back, taught) = (motion.inverse(), RigidF32::from_rigid(&model.camera_from_panel));
@@ -417,7 +418,7 @@ fn cut_held_places(motion: &RigidF32, inputs: FitInputs<'_>, pieces: &[Piece]) -
     pieces::find_pieces(grid, &free)
 }
 
-/// Returns the fraction of the panel's pixels that are overexposed.
+/// Returns the fraction of the pixels of the panel that are overexposed.
 fn saturated_share(motion: &RigidF32, inputs: FitInputs<'_>) -> f64 {
     let FitInputs { model, grid, scan } = inputs;
     let (mut asked, mut over) = (0usize, 0usize);
@@ -434,17 +435,17 @@ fn saturated_share(motion: &RigidF32, inputs: FitInputs<'_>) -> f64 {
     over as f64 / asked.max(1) as f64
 }
 
-/// Largest distance between a projector and its lens, mm: in a Zivid Two it is 112 mm.
+/// Maximum distance between a projector and its lens, mm: in a Zivid Two it is 112 mm.
 const MAX_BASELINE_MM: f64 = 120.0;
 
-/// Returns whether a nearer object may block the light at a place of this depth.
+/// Returns whether a nearer object may block the projector's light at a pixel of this depth.
 fn may_occlude(grid: &Grid, pixel: Pixel, depth_mm: f64) -> bool {
     let [x, y] = grid.block_position(pixel).map(f64::round);
     if !(x >= 0.0 && y >= 0.0 && x < grid.columns as f64 && y < grid.rows as f64) {
         return false;
     }
     let (column, row) = (x as usize, y as usize);
-    // The search is along the row, because lens and projector lie side by side.
+    // The search is along the row, because lens and projector are mounted side by side.
     (0..grid.columns).any(|other| {
         let away_px = (column.abs_diff(other) * grid.factor) as f64;
         let reaches =
@@ -472,8 +473,8 @@ mod tests {
         k3: 0.0,
     };
 
-    /// By hand: f = 446 px, an object at 680 mm in front of a panel at 780 mm shades the panel up to 446 · 120 · (1/680
-    /// − 1/780) = 10.1 px beside it.
+    /// Expected value, calculated by hand: with f = 446 px, an object at 680 mm in front of a panel at 780 mm shades
+    /// the panel up to 446 · 120 · (1/680 − 1/780) = 10.1 px beside the object.
     #[test]
     fn the_shadow_of_an_object_has_the_calculated_width() {
         let thing = |column: usize, row: usize| (200..=240).contains(&column) && (100..=140).contains(&row);

@@ -1,5 +1,5 @@
-//! Marks in the scan's picture that show the cause of each reason of the verdict, for a person who inspects the panel
-//! at these places.
+//! Marks in the scan's picture that show the origin of each reason of the verdict, for a person who inspects the panel
+//! there.
 //!
 //! Every sample is evaluated once more at the located pose, in the same way as in `evidence`. This module makes no
 //! decisions.
@@ -17,73 +17,73 @@ use super::{PreparedScan, camera_check, covariance, pieces};
 use panelprep_base::geometry::statistics::NORMAL_TWO_SIDED_95;
 use panelprep_base::geometry::{Camera, Panel, Pixel, Rigid};
 
-/// The factor by which the stated error is enlarged in the drawing.
+/// Magnification of the stated error in the drawing.
 pub const ERROR_SCALE: f64 = 50.0;
 
-/// What the scan shows at a taught point.
+/// The scan at a taught point of the surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum SurfaceMark {
-    /// Distance of the scanned surface in front of the taught one, along its normal, mm; negative behind it.
+    /// Distance of the scanned surface in front of the taught surface, along its normal, mm; negative behind it.
     On(f64),
-    /// The scan shows the taught surface beside an edge or missing points; the depth is too imprecise for a number.
+    /// The scan shows the taught surface beside an edge or missing points; the depth is too imprecise for a value.
     Near,
     /// The scan shows a surface behind the point.
     Through,
     /// The scan shows a surface in front of the point.
     Hidden,
-    /// The scan has no point there.
+    /// The scan has no point at this pixel.
     Missing,
 }
 
-/// What the picture shows at a point of the taught outline.
+/// The picture at a point of the taught outline.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum OutlineMark {
     /// The edge.
     Found,
-    /// The edge is elsewhere, or there is none.
+    /// The edge is displaced or missing.
     Elsewhere,
     /// An object is in front of the outline, or the outline is out of view.
     Hidden,
 }
 
-/// What the scan shows at the taught place of a fixture's edge.
+/// The scan at the taught position of an edge of the fixture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum FixtureMark {
-    /// The edge is at its taught place.
+    /// The edge is at its taught position.
     Unmoved,
-    /// The edge is elsewhere, or there is none.
+    /// The edge is displaced or missing.
     Moved,
     /// The fixture is not visible: an object is in front of it, or the scan has no point.
     Unseen,
 }
 
-/// The evidence at each place of the picture.
+/// The evidence at each evaluated pixel of the picture.
 #[derive(Debug, Clone, Default)]
 pub struct Explained {
-    /// Side of the square that each place of the surface or of an object represents, px.
+    /// Side of the square that each pixel of the surface or of an object represents, px.
     pub block_px: usize,
     /// The taught surface.
     pub surface: Vec<(Pixel, SurfaceMark)>,
-    /// The taught outline, in order.
+    /// The pixels of the taught outline, in order.
     pub outline: Vec<(Pixel, OutlineMark)>,
     /// The borders of taught marks, each represented by a short segment.
     pub marks: Vec<([Pixel; 2], OutlineMark)>,
-    /// Pairs of a place of the outline and the same place displaced by the stated error along the weakest direction,
-    /// enlarged by [`ERROR_SCALE`].
+    /// Pairs of a pixel of the outline and the same pixel displaced by the stated error along the least constrained
+    /// direction, enlarged by [`ERROR_SCALE`].
     pub weakest: Vec<(Pixel, Pixel)>,
-    /// The place at which the step of brightness at the outline is widest.
+    /// The pixel of the outline with the widest step of brightness.
     pub widest_step: Option<Pixel>,
-    /// Taught edges of the fixture.
+    /// Pixels on taught edges of the fixture.
     pub fixture: Vec<(Pixel, FixtureMark)>,
-    /// Objects in the search box, largest first: area, mm², and pixels.
+    /// Objects in the search box, the largest first, each with its area, mm², and its pixels.
     pub objects_in_box: Vec<(f64, Vec<Pixel>)>,
 }
 
-/// Largest distance between an edge of the fixture and its taught position at which the edge counts as unmoved, px.
+/// Maximum distance between an edge of the fixture and its taught position, for the edge to be unmoved, px.
 pub const MAX_FIXTURE_SHIFT_PX: f64 = 0.5;
 
 impl PreparedScan<'_> {
-    /// Evaluates all evidence again; `fit` is the result of the localization, `None` if there is none.
+    /// Evaluates all evidence again; `fit` is the result of the localization, or `None` if there is none.
     pub fn explain(&self, fit: Option<&Fit>) -> Explained {
         let (grid, inputs) = (&self.grid, self.inputs());
         let of_block = |&block: &u32| grid.pixel(block as usize % grid.columns, block as usize / grid.columns);
@@ -123,7 +123,7 @@ impl PreparedScan<'_> {
     }
 }
 
-/// Compares the panel, as it is bent, with the taught panel, and returns the mark of each point. `bend_mm` is the
+/// Compares the panel with its bend with the taught panel, and returns the mark of each point. `bend_mm` is the
 /// distance of a point of the bent panel in front of its taught position.
 fn surface(
     placed: &Rigid<Camera, Panel>,
@@ -146,7 +146,7 @@ fn surface(
     (0..inputs.model.points.len()).filter_map(mark).collect()
 }
 
-/// Returns the mark for the edge at a place of the outline.
+/// Returns the mark for the edge at a point of the outline.
 fn outline_mark(edge: &EdgeReading) -> OutlineMark {
     match edge.is_within_distance(MAX_FOUND_EDGE_DISTANCE_PX) {
         Some(true) => OutlineMark::Found,
@@ -187,8 +187,8 @@ fn outline(
     (residuals.edges.iter().filter_map(mark).collect(), widest.and_then(|(k, _)| pixel(k)))
 }
 
-/// Returns the outline's places, and the same places displaced by the stated error along the direction in which it is
-/// largest.
+/// Returns the pixels of the outline, each with its position displaced by the stated error along the direction of the
+/// largest error.
 fn weakest_displacement(placed: &Rigid<Camera, Panel>, inputs: FitInputs<'_>, fit: &Fit) -> Vec<(Pixel, Pixel)> {
     let motion = RigidF32::from_rigid(placed);
     let centre = motion.point(&inputs.model.centre);
@@ -210,9 +210,9 @@ mod tests {
     use panelprep_sim as sim;
     use panelprep_sim::Scene;
 
-    /// By hand: the panel is at its taught place, with each of its points 0.3 mm nearer to the camera along its ray.
-    /// The surface is slanted by 20° at most, so that along the normal the scan lies 0.28 to 0.3 mm in front of the
-    /// taught surface.
+    /// Expected values, calculated by hand: the panel is at its taught pose, with each of its points 0.3 mm nearer to
+    /// the camera along its ray. The surface is slanted by at most 20°, so along the normal the scan is 0.28 to 0.3 mm
+    /// in front of the taught surface.
     #[test]
     fn a_scan_in_front_of_the_taught_surface_is_reported_as_in_front() {
         let cell = sim::Cell::new(1, Scene::Clean, 4);

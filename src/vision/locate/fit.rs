@@ -1,17 +1,17 @@
-//! The fit: moves the panel by its surface and its outline together until it converges.
+//! The fit: moves the panel by its surface and its outline together until the pose converges.
 //!
 //! The surface constrains the panel along its normal and hardly in its plane: a smooth panel slides along itself. The
-//! outline constrains the panel in its plane and, through the picture's perspective, a little along the normal as well.
-//! Both are residuals of one Gauss–Newton iteration (`solve`), and so are the borders of marks inside the outline, if
-//! the panel has any. Each kind is weighted by its noise and by the number of neighbours with correlated errors: a
-//! scanner's range noise is correlated over centimetres, so that thousands of points carry no more information than a
-//! few dozen independent ones.
+//! outline constrains the panel in its plane and, through the perspective of the picture, a little along the normal as
+//! well. Both are residuals of one Gauss–Newton iteration (`solve`). The borders of marks inside the outline, if the
+//! panel has any, are further residuals. Each kind of residual is weighted by its noise and by the number of neighbours
+//! with correlated errors. The range noise of a scanner is correlated over centimetres, so thousands of points contain
+//! no more information than a few dozen independent ones.
 //!
-//! With the panel assumed at a pose, the scan's edge is searched beside each point of the model's outline. For each
-//! taught border of a mark, the picture is searched across the border for the nearest step of brightness with the same
-//! sign. The search begins near the expected place of the border and continues farther away, because the start pose of
-//! a flat panel may be several pixels wrong. If a nearer object lies in front of the place, or the surface faces away,
-//! the mark counts as hidden.
+//! For an assumed pose of the panel, the edge in the scan is searched beside each point of the model's outline. For
+//! each taught border of a mark, the nearest step of brightness with the same sign is searched across the border. The
+//! search begins near the expected position of the border and continues farther away, because the start pose of a flat
+//! panel may be wrong by several pixels. If a nearer object is in front of the border, or the surface faces away, the
+//! mark is treated as hidden.
 
 use super::edges;
 use super::edges::{EdgeReading, HALF_LENGTH_PX, Tangent, edge, outward_px};
@@ -24,18 +24,18 @@ use nalgebra::Vector3;
 use panelprep_base::geometry::{Camera, Panel, PinholeCamera, Pixel, Rigid};
 use rayon::prelude::*;
 
-/// The iteration ends if the last step moved every point of the panel by at most this, mm.
+/// Maximum displacement of any point of the panel in the last step, at which the iteration ends, mm.
 pub(super) const CONVERGED_STEP_MM: f64 = 0.002;
 const MAX_STEPS: usize = 20;
-/// Length over which the errors of an edge in the picture are correlated, mm: the edge's own error, that of the taught
+/// Length over which the errors of an edge in the picture are correlated, mm: the error of the edge, of the taught
 /// depth, and the remaining error of the lens model.
 pub(super) const EDGE_CORRELATION_MM: f64 = 30.0;
-/// One standard deviation of an edge's mean position over a length of `EDGE_CORRELATION_MM`, px, without other errors:
-/// for an edge found by colour, and for one found by depth.
+/// Standard deviation of the mean position of an edge over a length of `EDGE_CORRELATION_MM`, px, without other errors:
+/// `EDGE_NOISE_PX` for an edge found by colour, `DEPTH_EDGE_NOISE_PX` for an edge found by depth.
 const EDGE_NOISE_PX: f64 = 0.05;
 const DEPTH_EDGE_NOISE_PX: f64 = 0.5;
-/// Cutoff of the residuals, in standard deviations: larger ones have no weight. The next constants are lower limits of
-/// the cutoffs.
+/// Cutoff of the residuals, in standard deviations; larger residuals have no weight. The following constants are lower
+/// limits of the cutoffs.
 const CUTOFF_SIGMA: f64 = 4.7;
 const MIN_SURFACE_CUTOFF_MM: f64 = 0.4;
 const MIN_EDGE_CUTOFF_PX: f64 = 0.5;
@@ -44,19 +44,19 @@ const MIN_DEPTH_EDGE_CUTOFF_PX: f64 = 2.0;
 /// Kinds of residuals.
 pub(super) const RESIDUAL_KIND_COUNT: usize = 4;
 
-/// All residuals that constrain the panel at a pose.
+/// All residuals of the panel at a pose.
 pub(super) struct Residuals {
     pub surface: Vec<Constraint>,
     pub colour: Vec<Constraint>,
     pub depth: Vec<Constraint>,
     pub marks: Vec<Constraint>,
-    /// The edge found beside each point of the outline that was examined.
+    /// For each examined point of the outline, its index and the result of the search for its edge.
     pub edges: Vec<(usize, EdgeReading)>,
-    /// The step of brightness found beside each mark.
+    /// For each mark, its index and the result of the search for its step of brightness.
     pub mark_edges: Vec<(usize, EdgeReading)>,
-    /// The middle of the panel.
+    /// The centre of the panel.
     pub centre: Vector3<f64>,
-    /// The part of an edge's noise in this view that the taught depth's noise causes, px.
+    /// The part of the noise of an edge in this view that the noise of the taught depth causes, px.
     taught_noise_px: f64,
 }
 
@@ -68,7 +68,7 @@ pub(super) struct FitInputs<'a> {
     pub scan: &'a ColoredCloud,
 }
 
-/// The samples of a fit: all of them, or a selection.
+/// The samples of a fit: all samples of the model, or a selection.
 pub(super) struct Samples {
     surface: Vec<usize>,
     outline: Vec<usize>,
@@ -89,8 +89,7 @@ impl Samples {
         Samples { surface: self.surface.clone(), outline: Vec::new(), marks: Vec::new() }
     }
 
-    /// Selects about this number of samples of the surface, and an eighth of this number of the outline and of the
-    /// marks.
+    /// Selects about `wanted` samples of the surface, and an eighth of this number of the outline and of the marks.
     pub fn subset(model: &Model, wanted: usize) -> Samples {
         Samples {
             surface: spread_indices(model.points.len(), wanted),
@@ -135,7 +134,7 @@ impl Residuals {
         }
         let (marks, mark_edges) = marks_at_pose(&motion, inputs, &samples.marks);
         let centre = motion.point(&model.centre);
-        // If the panel is seen from another side than at teaching, an error of the taught depth shifts the outline
+        // If the panel is seen from another direction than at teaching, an error of the taught depth shifts the outline
         // sideways in the picture.
         let taught_noise_px =
             model.range.taught_scan_mm * model.view_change(&motion) * grid.camera.px_per_mm_at(centre.z).0;
@@ -143,17 +142,17 @@ impl Residuals {
         Residuals { surface, colour, depth, marks, edges, mark_edges, centre, taught_noise_px }
     }
 
-    /// Returns the weighting of each kind of residual: surface, edges by colour, edges by depth, marks.
+    /// Returns the weights of each kind of residual: surface, edges by colour, edges by depth, marks.
     pub fn residual_weights(&self, model: &Model, samples: &Samples) -> [ResidualWeighting; RESIDUAL_KIND_COUNT] {
         let point_mm2 = model.area_mm2 / samples.surface.len().max(1) as f64;
         let length_mm: f64 = model.outline.iter().map(|sample| sample.length_mm).sum();
         let edge_mm = length_mm / samples.outline.len().max(1) as f64;
         let edge_correlated_count = (EDGE_CORRELATION_MM / edge_mm).max(1.0);
-        // With fewer samples, fewer neighbours share one error; without this factor a selection would have less weight
-        // than all samples.
+        // With fewer samples, fewer neighbours have a common error; without this factor a selection would have less
+        // weight than all samples.
         let marks_taken = samples.marks.len() as f64 / model.marks.points.len().max(1) as f64;
-        // The cutoff follows the spread of the residuals, which is large at the start and small at the end. Because of
-        // the floor, a perfect fit does not reject its own noise.
+        // The cutoff is proportional to the spread of the residuals, which is large at the start and small at the end.
+        // With the lower limit, a perfect fit does not reject its own noise.
         let reach = |constraints: &[Constraint], floor: f64| (CUTOFF_SIGMA * spread(constraints)).max(floor);
         [
             ResidualWeighting {
@@ -194,7 +193,7 @@ impl Residuals {
     }
 }
 
-/// Returns the constraints by the marks that the scan shows, and the edge reading beside each mark.
+/// Returns the constraints by the visible marks, and the result of the search for the edge of each mark.
 fn marks_at_pose(
     motion: &RigidF32,
     FitInputs { model, grid, scan }: FitInputs<'_>,
@@ -214,7 +213,7 @@ fn marks_at_pose(
     (constraints, looked.iter().map(|(mark, looked)| (*mark, looked.edge)).collect())
 }
 
-/// The result of an iteration.
+/// The state of the fit after its last iteration.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct IterationEnd {
     pub camera_from_panel: Rigid<Camera, Panel>,
@@ -222,8 +221,8 @@ pub(super) struct IterationEnd {
     pub last_step_mm: f64,
 }
 
-/// Fits the pose, beginning at the guess, until a step moves the panel by less than the limit; `None` if a direction is
-/// unconstrained.
+/// Fits the pose, starting with the guess, until a step moves the panel by less than the limit; `None` if a direction
+/// is unconstrained.
 pub(super) fn fit(guess: &Rigid<Camera, Panel>, inputs: FitInputs<'_>, samples: &Samples) -> Option<IterationEnd> {
     let mut fitted = IterationEnd { camera_from_panel: *guess, iterations: 0, last_step_mm: f64::INFINITY };
     while fitted.iterations < MAX_STEPS && fitted.last_step_mm > CONVERGED_STEP_MM {
@@ -244,12 +243,12 @@ pub(super) fn fit(guess: &Rigid<Camera, Panel>, inputs: FitInputs<'_>, samples: 
 #[derive(Debug, Clone, Copy)]
 pub(super) struct EdgeObservation {
     pub point: Vector3<f64>,
-    /// The gradient of the residual across the outline in the picture, px per mm.
+    /// Gradient of the residual across the outline in the picture, px per mm.
     pub gradient: Vector3<f64>,
     pub edge: EdgeReading,
 }
 
-/// Searches the edge beside a point of the outline.
+/// Searches for the edge beside a point of the outline.
 pub(super) fn observe_edge(
     motion: &RigidF32,
     model: &Model,
@@ -277,10 +276,10 @@ pub(super) fn observe_edge(
 /// Distances from the expected position at which a step is searched, px, in this order; each search finds steps within
 /// 3 px.
 const SEARCH_OFFSETS_PX: [f64; 5] = [0.0, -3.0, 3.0, -6.0, 6.0];
-/// Smallest cosine of the incidence angle at which a mark is evaluated: a surface that is seen at a flatter angle shows
+/// Minimum cosine of the incidence angle at which a mark is evaluated: a surface that is seen at a flatter angle shows
 /// no marks.
 const MIN_INCIDENCE_COSINE: f64 = 0.1;
-/// Smallest distance of another object in front of the panel, mm.
+/// Minimum distance of another object in front of the panel, mm.
 const MIN_OCCLUDER_DISTANCE_MM: f64 = 3.0;
 
 /// Searches one mark.
@@ -305,7 +304,7 @@ pub(super) fn observe_mark(
     Some(EdgeObservation { point, gradient, edge })
 }
 
-/// Returns whether the scan has a nearer object at this pixel. A missing point does not count as an obstacle.
+/// Returns whether the scan has a nearer object at this pixel. A missing point is not treated as an obstacle.
 fn is_covered(scan: &ColoredCloud, pixel: Pixel, tangent: &Tangent) -> bool {
     let Some((column, row)) = pixel.nearest_whole(scan.width(), scan.height()) else { return false };
     let [_, _, z] = scan.raw_points_mm()[row * scan.width() + column];

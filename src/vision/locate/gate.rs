@@ -1,18 +1,19 @@
-//! The gate of the localization: derives accept, review or reject from the evidence, each with reasons in words.
+//! The acceptance checks of the localization: derive the verdict accept, review or reject from the evidence, with
+//! reasons in words.
 //!
-//! The gate answers three questions in this order. First: is this the taught panel, complete and dry, and is the camera
-//! still at its place? A panel that is bent is this panel as long as a smooth deviation explains its surface; the
-//! recipe limits how far it may be bent. Second: is its pose known well enough, and is it unique? Third: is the pose
-//! within its limits? Shift, rotation and tilt are judged at the panel's centre and never at the base's origin: a small
-//! rotation moves a distant origin far, which is not information about the panel. Evidence against the panel itself
-//! leads to reject; evidence that a person can judge better leads to review.
+//! The checks answer three questions in this order. First: is this the taught panel, complete and dry, and has the
+//! camera not moved? A bent panel is accepted as this panel as long as a smooth deviation explains its surface; the
+//! recipe limits the bend. Second: is the pose accurate enough, and is it unique? Third: is the pose within its limits?
+//! Shift, rotation and tilt are judged at the centre of the panel and never at the origin of the base: a small rotation
+//! moves a distant origin far, which is no information about the panel. Evidence against the panel itself leads to
+//! reject; evidence that a person can judge better leads to review.
 //!
-//! The fixture shows a motion of the 3D camera since teaching, with an error. The measured motion minus this error is
-//! the smallest distance by which the camera's motion displaced the panel. If too little of the fixture is visible, a
-//! camera motion cannot be detected.
+//! The fixture shows a motion of the 3D camera since teaching, with an uncertainty. The measured displacement minus
+//! this uncertainty is the minimum distance by which the motion of the camera displaced the panel. If too little of the
+//! fixture is visible, a motion of the camera cannot be detected.
 //!
-//! The cause of a pose's uncertainty determines the remedy: more of the panel in view, a place nearer to the taught
-//! one, or a 3D camera with a measured scale.
+//! The cause of the uncertainty of a pose determines the remedy: more of the panel in view, a position nearer to the
+//! taught one, or a 3D camera with a measured scale.
 
 use super::error::LocateError;
 use super::evidence::Fit;
@@ -24,18 +25,18 @@ use panelprep_cell::recipe;
 use panelprep_cell::recipe::Recipe;
 use panelprep_cell::record::name;
 
-/// Range below the limit of the overlap in which a person decides: an object may cover the panel. With an even lower
-/// overlap the object is not the panel.
+/// Range below the limit of the overlap in which a person decides, since an object may cover the panel. With an even
+/// lower overlap the object is not the panel.
 const OVERLAP_REVIEW_MARGIN: f64 = 0.1;
-/// The found fraction of the outline may be lower than that of the surface by this: an object that hides an area in the
-/// middle of a side also hides the edge there.
+/// Maximum difference by which the found fraction of the outline may be lower than that of the surface: an object that
+/// hides an area in the middle of a side also hides the edge there.
 const OUTLINE_ALLOWANCE: f64 = 0.15;
-/// Maximum fraction of taught points at which the scan shows a surface farther away; with a larger fraction the panel
-/// is not there. Single points of this kind are flying points.
+/// Maximum fraction of the taught points at which the scan shows a surface farther away; with a larger fraction the
+/// panel is not there. Single points of this kind are flying points.
 pub const MAX_SEEN_THROUGH_SHARE: f64 = 0.01;
-/// Maximum fraction of the outline in view that is not at its taught place.
+/// Maximum fraction of the outline in view that is not at its taught position.
 pub const MAX_OUTLINE_ABSENT_SHARE: f64 = 0.08;
-/// Minimum fraction of the panel's marks in view that are at their taught place.
+/// Minimum fraction of the marks in view that are at their taught positions.
 pub const MIN_MARKS_FOUND_SHARE: f64 = 0.5;
 /// Maximum outline residual of a panel of the taught shape, px.
 pub const MAX_OUTLINE_RMS_PX: f64 = 0.5;
@@ -46,39 +47,39 @@ pub const MIN_MEASURED_SHARE: f64 = 0.9;
 pub const MAX_BLUR_PX: f64 = 1.0;
 /// Maximum fraction of the panel that may be overexposed.
 pub const MAX_OVEREXPOSED_SHARE: f64 = 0.2;
-/// The maximum last step of a converged fit, as a multiple of the step that ends the iteration: rounding errors may
-/// prevent a smaller step.
+/// Maximum last step of a converged fit, as a multiple of the step that ends the iteration: rounding errors may prevent
+/// a smaller step.
 const MAX_LAST_STEP_RATIO: f64 = 5.0;
 
-/// The maximum distance by which the last step of a converged fit moves any point of the panel, mm.
+/// Maximum displacement of any point of the panel by the last step of a converged fit, mm.
 pub const MAX_LAST_STEP_MM: f64 = MAX_LAST_STEP_RATIO * CONVERGED_STEP_MM;
 
-/// Returns the smallest fraction of the outline that must be found, 0…1.
+/// Returns the minimum fraction of the outline that must be found, 0…1.
 pub fn min_outline_found(limits: &recipe::Locate) -> f64 {
     (limits.min_overlap() - OUTLINE_ALLOWANCE).max(0.0)
 }
 
-/// The code of a fit whose last step was too large.
+/// The reason code of a fit whose last step was too large.
 const NOT_CONVERGED: &str = "not_converged";
 
-/// Judges a fit by the recipe's limits.
+/// Judges a fit by the limits of the recipe.
 pub fn judge(fit: &Fit, recipe: &Recipe) -> Judgement {
     judgement(&checks(fit, recipe))
 }
 
-/// Returns the judgement of a fit's checks. A fit to another object often does not converge either: the reasons that
-/// concern the object come first, because another scan would not help.
+/// Returns the judgement of the checks of a fit. A fit to another object often does not converge either: the reasons
+/// about the object come first, because another scan would not help.
 pub fn judgement(checks: &[Check]) -> Judgement {
     let mut judgement = Judgement::from_checks(checks);
     judgement.reasons.sort_by_key(|reason| reason.code == NOT_CONVERGED);
     judgement
 }
 
-/// Returns every number of a fit with its limit, in the order in which the numbers are judged.
+/// Returns the measured values of a fit with their limits, in the order in which they are judged.
 pub fn checks(fit: &Fit, recipe: &Recipe) -> Vec<Check> {
     let limits = recipe.locate();
     let of_panel = [check_panel(fit, limits), check_scan_quality(fit), check_camera(fit)].concat();
-    // The checks of the panel come first: a pose of another object has no meaning, and its numbers would hide the one
+    // The checks of the panel come first: the pose of another object has no meaning, and its values would hide the one
     // reason that helps.
     let is_rejected = Judgement::from_checks(&of_panel).verdict == Verdict::Reject;
     let bend = vec![check_bend(fit, recipe.surface())];
@@ -142,13 +143,13 @@ fn check_panel(fit: &Fit, limits: &recipe::Locate) -> Vec<Check> {
     checks
 }
 
-/// Checks the bend. It must be small enough for the taught panel, and for a path that follows the bend without a
-/// person's confirmation.
+/// Checks the bend. It must be small enough for the taught panel, and for a path that follows the bend without the
+/// confirmation of a person.
 fn check_bend(fit: &Fit, limits: &recipe::Surface) -> Check {
     let limit_mm = limits.max_deviation_mm();
     let check = Check::new(name::BEND_NAME, "mm", fit.deviation_mm)
         .with_max(limit_mm, LimitSource::recipe("surface.max_deviation_mm"));
-    // A bend that could not be measured counts as too large.
+    // A bend that could not be measured is treated as too large.
     let is_bent = fit.deviation_mm.is_none_or(|mm| exceeds_limit(mm, limit_mm));
     check.with_consequence_if(is_bent, Severity::Review, "bent", || match fit.deviation_mm {
         Some(mm) => {
@@ -180,7 +181,7 @@ fn check_marks(found: f64) -> Check {
         })
 }
 
-/// Checks whether the scan is good: panel dry, picture sharp and not overexposed.
+/// Checks the quality of the scan: the panel is dry, the picture is sharp and not overexposed.
 fn check_scan_quality(fit: &Fit) -> Vec<Check> {
     let blur_px = fit.blur_px();
     vec![
@@ -214,8 +215,8 @@ fn check_scan_quality(fit: &Fit) -> Vec<Check> {
     ]
 }
 
-/// Checks the overlap: whether enough of the taught panel is found in the scan, and enough of the scanned panel among
-/// the taught points.
+/// Checks the overlap: enough of the taught panel must be found in the scan, and enough of the scanned panel among the
+/// taught points.
 fn check_overlap(fit: &Fit, limits: &recipe::Locate) -> [Check; 2] {
     let allowed = limits.min_overlap();
     let outline_allowed = min_outline_found(limits);
@@ -247,13 +248,13 @@ fn check_overlap(fit: &Fit, limits: &recipe::Locate) -> [Check; 2] {
     ]
 }
 
-/// Minimum fraction of the outline that must be seen: with less, a panel is poorly constrained sideways, in particular
-/// a flat one.
+/// Minimum fraction of the outline that must be visible: with less, a panel is poorly constrained sideways, in
+/// particular a flat one.
 const MIN_OUTLINE_SEEN_SHARE: f64 = 0.6;
 
-/// Returns the checks with warnings at teaching: too little of the panel's outline is seen in its own scan. If `fit`,
-/// the panel located in that scan, is given, there is also a warning if the fixture shows too little to detect a moved
-/// camera.
+/// Returns the checks with warnings at teaching: too little of the panel's outline is visible in its own scan. If
+/// `fit`, the panel located in that scan, is given, there is also a warning if the fixture shows too little to detect a
+/// moved camera.
 pub fn teaching_warnings(seen: &OutlineEvidence, fit: Option<&Fit>) -> Vec<Check> {
     let share = seen.by_colour + seen.by_depth;
     let outline = Check::new("outline that the scan shows", "", share)
@@ -274,27 +275,28 @@ pub fn refusal(error: &LocateError) -> Judgement {
     Judgement::new(vec![Reason::new("no_panel", error.to_string())], Vec::new())
 }
 
-/// Returns whether the measurement exceeds the limit; NaN exceeds every limit.
+/// Returns whether the measured value exceeds the limit; NaN exceeds every limit.
 pub(super) fn exceeds_limit(measured: f64, allowed: f64) -> bool {
     measured.is_nan() || measured > allowed
 }
 
-/// Limit of the displacement of the panel by a camera motion, mm: with a larger one the camera has moved since
+/// Maximum displacement of the panel by a motion of the camera, mm: with a larger one the camera has moved since
 /// teaching.
 pub const MAX_CAMERA_MOVED_MM: f64 = 0.25;
-/// Limit of the smallest detectable displacement of the panel by a camera motion, mm: a fixture with a larger one does
-/// not show camera motions well enough.
+/// Maximum value of the smallest detectable displacement of the panel by a motion of the camera, mm: with a larger
+/// value the fixture does not show the motion well enough.
 pub const MAX_CAMERA_DETECTION_LIMIT_MM: f64 = 0.55;
-/// Minimum fraction of the fixture that must be at its taught place: objects are added and removed, the fixture stays.
+/// Minimum fraction of the fixture that must be at its taught position: objects are added and removed, the fixture
+/// stays.
 pub const MIN_UNMOVED_FIXTURE_SHARE: f64 = 0.4;
-/// Returns the smallest camera motion that is detected, mm, if the fixture determines the camera's pose with this
-/// uncertainty, 95 %, mm.
+/// Returns the smallest displacement by a motion of the camera that is detected, mm, if the fixture determines the
+/// camera pose with this uncertainty, 95 %, mm.
 pub fn noticed_mm(uncertainty_mm: f64) -> f64 {
     MAX_CAMERA_MOVED_MM + uncertainty_mm
 }
 
-/// Returns whether a fixture that gives the camera's pose with this uncertainty, mm, can detect a motion of the
-/// camera; `None` means that the fixture carries no information.
+/// Returns whether a fixture that determines the camera pose with this uncertainty, mm, can detect a motion of the
+/// camera; `None` means that the fixture contains no information.
 pub fn can_detect_motion(uncertainty_mm: Option<f64>) -> bool {
     uncertainty_mm.is_some_and(|mm| noticed_mm(mm) <= MAX_CAMERA_DETECTION_LIMIT_MM)
 }
@@ -330,7 +332,7 @@ fn check_camera(fit: &Fit) -> Vec<Check> {
         same,
         Check::new("camera has moved the panel since teaching, by the fixture", "mm", moved_mm),
         Check::new("error of that, 95 %", "mm", uncertainty_mm),
-        // A different fixture gives no information about the camera's motion.
+        // Another fixture gives no information about the motion of the camera.
         if is_other { moved.without_consequence() } else { moved },
     ]
 }
@@ -372,15 +374,15 @@ fn check_taught_fixture(fit: &Fit) -> Check {
         })
 }
 
-/// Largest distance between the results of fits from independent starts, mm.
+/// Maximum distance between the results of fits from independent starts, mm.
 pub const MAX_DISAGREEMENT_MM: f64 = 0.1;
-/// Smallest ratio of the evidence for the pose to the evidence for any other pose.
+/// Minimum ratio of the evidence for the pose to the evidence for any other pose.
 pub const MIN_EVIDENCE_RATIO: f64 = 2.0;
-/// Largest stated error of a usable pose anywhere on the panel, mm. It results from the error of 0.25 mm at one place,
-/// times 2.35 / 1.7 (`geometry/statistics`).
+/// Maximum uncertainty of a usable pose anywhere on the panel, mm: the error of 0.25 mm at one point, times 2.35 / 1.7
+/// (`geometry/statistics`).
 pub const MAX_UNCERTAINTY_MM: f64 = 0.35;
 
-/// Checks whether the panel's pose is known well enough.
+/// Checks whether the pose of the panel is accurate enough.
 fn check_pose_uncertainty(fit: &Fit) -> Vec<Check> {
     let rival = fit.rival.as_ref();
     let ambiguous = |rival: &CompetingPose| {
@@ -418,7 +420,7 @@ fn check_pose_uncertainty(fit: &Fit) -> Vec<Check> {
     ]
 }
 
-/// Returns the cause of a pose's uncertainty, and the remedy.
+/// Returns the cause of the uncertainty of a pose, and the remedy.
 fn uncertainty_reason(fit: &Fit) -> String {
     let mm = |value| fixed_decimals(value, 2);
     if fit.uncertainty_at_taught_place_mm <= MAX_UNCERTAINTY_MM {
@@ -443,7 +445,7 @@ fn uncertainty_reason(fit: &Fit) -> String {
     }
 }
 
-/// Checks whether the panel's pose is within its limits.
+/// Checks whether the pose of the panel is within its limits.
 fn check_displacement(fit: &Fit, limits: &recipe::Locate) -> Vec<Check> {
     vec![
         Check::new("shift of the panel's centre", "mm", fit.shift_mm)

@@ -1,10 +1,10 @@
-//! A downsampled scan: the mean inverse depth of blocks of pixels, which for a plane is linear over the picture.
+//! A downsampled scan: the mean inverse depth of blocks of pixels, which is linear over the picture for a plane.
 //!
-//! The grid has about 490 blocks across, for any camera's picture: at full resolution, a block's mean has a quarter of
-//! a pixel's noise. A block with pixels at different depths is an edge and has no depth; so flying points and glints
-//! give no depth. A point p of the panel is compared with the scan at the place to which it projects (projective
+//! The grid has about 490 columns of blocks, for the picture of any camera: at full resolution, the mean of a block has
+//! a quarter of the noise of a pixel. A block with pixels at different depths is an edge and has no depth; so flying
+//! points and glints give no depth. A point p of the panel is compared with the scan at its projection (projective
 //! association, Blais & Levine, IEEE PAMI 17(8), 1995), without any search. With the depths z of p and ẑ of the scan on
-//! the same ray, the scan's point is p ẑ/z. Along the normal n, p lies in front of this point by
+//! the same ray, the scanned point is p ẑ/z. Along the normal n, the distance of p in front of this point is
 //!     r = n · p (1 − ẑ/z).                                                                               (1)
 
 use nalgebra::{Matrix3, Vector3};
@@ -13,31 +13,31 @@ use panelprep_base::geometry::{
 };
 use rayon::prelude::*;
 
-/// The approximate number of blocks across the picture.
+/// Approximate number of blocks per row of the picture.
 const APPROXIMATE_COLUMNS: usize = 486;
-/// Depths within a block that differ by less than this belong to one surface without a further check, as a multiple of
-/// the block's side.
+/// Maximum depth difference within a block that belongs to one surface without a further check, as a multiple of the
+/// side of the block.
 const MAX_BLOCK_SPREAD_SIDES: f64 = 1.2;
-/// Depths farther than this from the block's median are left out, as a multiple of the block's side; the second
-/// constant is the smaller limit for the distance from a slanted plane.
+/// Maximum distance of a depth from the median of the block, as a multiple of the side of the block; other depths are
+/// excluded. `MAX_SLANTED_DEVIATION_SIDES` is the smaller limit for the distance from a slanted plane.
 const MAX_MEDIAN_DEVIATION_SIDES: f64 = 0.8;
 const MAX_SLANTED_DEVIATION_SIDES: f64 = 0.35;
-/// The smallest fraction of a block's pixels that must agree: if the pixels on one side are missing, the mean is not
-/// the depth of the block's middle.
+/// Minimum fraction of the pixels of a block that must agree: if the pixels on one side are missing, the mean is not
+/// the depth of the centre of the block.
 const MIN_AGREEING_SHARE: f64 = 0.9;
-/// The largest difference between the depths of neighbouring blocks of one surface, as a multiple of the block's side:
+/// Maximum difference between the depths of neighbouring blocks of one surface, as a multiple of the side of the block:
 /// a slope of 73°.
 const MAX_STEP_SIDES: f64 = 3.3;
 
 /// The scan at full resolution, with its colours.
 pub(super) type ColoredCloud = OrganizedCloud<Camera>;
 
-/// Depth of a scan at the projection of a point.
+/// The depth of a scan at the projection of a point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum DepthReading {
     /// The point is outside of the picture.
     OutOfView,
-    /// No depth was measured there.
+    /// No depth was measured at this pixel.
     Nothing,
     /// A depth, mm, on an edge or beside missing points: precise enough to distinguish in front from behind.
     Rough(f64),
@@ -47,16 +47,16 @@ pub(super) enum DepthReading {
 
 /// Inverse depths of blocks of pixels.
 pub(super) struct Grid {
-    /// The number of pixels along the side of a block.
+    /// Number of pixels along the side of a block.
     pub factor: usize,
     /// Blocks across.
     pub columns: usize,
     /// Blocks down.
     pub rows: usize,
     pub camera: PinholeCamera,
-    /// 1/mm; NaN if the block has no depth.
+    /// For each block, the inverse depth in 1/mm; NaN if the block has no depth.
     inverse: Vec<f32>,
-    /// Largest difference between neighbouring blocks of one surface, as a fraction of their depth.
+    /// Maximum difference between neighbouring blocks of one surface, as a fraction of their depth.
     step_share: f64,
 }
 
@@ -70,7 +70,7 @@ impl Grid {
         })
     }
 
-    /// Creates a grid of blocks from the depths of the pixels, mm; the depth of a pixel that is left out is `None`.
+    /// Creates a grid of blocks from the depths of the pixels, mm; `None` for a pixel that is excluded.
     pub fn from_depths(
         (width, height): (usize, usize),
         camera: &PinholeCamera,
@@ -99,7 +99,7 @@ impl Grid {
         Grid { factor, columns, rows, camera: *camera, inverse, step_share: MAX_STEP_SIDES * block_rad }
     }
 
-    /// Returns the pixel in the middle of a block.
+    /// Returns the pixel in the centre of a block.
     pub fn pixel(&self, column: usize, row: usize) -> Pixel {
         let centre = |index: usize| (index * self.factor) as f64 + (self.factor as f64 - 1.0) / 2.0;
         Pixel::at(centre(column), centre(row))
@@ -117,7 +117,7 @@ impl Grid {
         (!inverse.is_nan()).then(|| 1.0 / inverse)
     }
 
-    /// Returns the scan's point of a block; its ray is exact.
+    /// Returns the scanned point of a block; it is on the ray through the centre of the block.
     pub fn point(&self, column: usize, row: usize) -> Option<Vector3<f64>> {
         let depth_mm = self.depth_mm(row * self.columns + column)?;
         let ray = self.camera.unproject::<Camera>(self.pixel(column, row))?;
@@ -129,12 +129,12 @@ impl Grid {
         (a_mm - b_mm).abs() < self.step_share * a_mm
     }
 
-    /// Returns the scan's depth reading at a pixel.
+    /// Returns the depth of the scan at a pixel.
     pub fn reading_at_pixel(&self, pixel: Pixel) -> DepthReading {
         self.reading_at(self.block_position(pixel))
     }
 
-    /// Returns the scan's depth reading at a position in units of blocks.
+    /// Returns the depth of the scan at a position in units of blocks.
     pub fn reading_at(&self, [x, y]: [f64; 2]) -> DepthReading {
         let (across, down) = ((self.columns - 1) as f64, (self.rows - 1) as f64);
         if !(x >= -0.5 && y >= -0.5 && x <= across + 0.5 && y <= down + 0.5) {
@@ -151,14 +151,14 @@ impl Grid {
             let below = corners[2] + fx * (corners[3] - corners[2]);
             return DepthReading::Smooth(1.0 / (above + fy * (below - above)));
         }
-        // The nearest block that has a depth.
+        // The nearest block that has a depth is used.
         let shares = [(1.0 - fx) * (1.0 - fy), fx * (1.0 - fy), (1.0 - fx) * fy, fx * fy];
         let nearest = (0..4).filter(|&k| !corners[k].is_nan()).max_by(|&a, &b| shares[a].total_cmp(&shares[b]));
         nearest.map_or(DepthReading::Nothing, |k| DepthReading::Rough(1.0 / corners[k]))
     }
 }
 
-/// Returns the number of a block's pixels that must agree.
+/// Returns the minimum number of pixels of a block that must agree.
 fn min_agreeing_pixels(pixels: usize) -> usize {
     (MIN_AGREEING_SHARE * pixels as f64).ceil().max(1.0) as usize
 }
@@ -182,8 +182,8 @@ fn block_inverse(depths: &mut [f32], pixels: usize, block_rad: f64) -> f32 {
     mean_inverse(depths.iter().filter(near).copied())
 }
 
-/// Returns the inverse depth in the middle of a block on a steep plane. The slopes are the medians of the
-/// differences between neighbouring pixels, so that neither a flying point nor an edge counts as a plane.
+/// Returns the inverse depth in the centre of a block on a steep plane. The slopes are the medians of the differences
+/// between neighbouring pixels, so that neither a flying point nor an edge is treated as a plane.
 fn slanted_inverse(factor: usize, block_rad: f64, depth: impl Fn(usize, usize) -> Option<f32>) -> f32 {
     let place = |k: usize| (k % factor, k / factor);
     let inverse: Vec<Option<f64>> =
@@ -209,7 +209,7 @@ fn slanted_inverse(factor: usize, block_rad: f64, depth: impl Fn(usize, usize) -
     };
     let levels: Vec<f64> = inverse.iter().enumerate().filter_map(level).collect();
     let Some(middle) = median_in_place(&mut levels.clone()) else { return f32::NAN };
-    // The slope is compared relative to the depth: dz / z = −z d(1/z).
+    // The slope is relative to the depth: dz / z = −z d(1/z).
     let steepest = factor as f64 * right.hypot(down) / middle;
     let near = |level: &&f64| (*level / middle - 1.0).abs() <= MAX_SLANTED_DEVIATION_SIDES * block_rad;
     let count = levels.iter().filter(near).count();
@@ -224,7 +224,7 @@ fn mean_inverse(depths: impl Iterator<Item = f32>) -> f32 {
     (sum / count as f64) as f32
 }
 
-/// A rigid transform in the form that a kernel uses.
+/// A rigid transform as rotation matrix and shift vector, without the types of its frames.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct RigidF32 {
     pub turn: Matrix3<f64>,
@@ -248,7 +248,7 @@ impl RigidF32 {
     }
 }
 
-/// Returns for each block whether it lies in the search box.
+/// Returns for each block whether it is in the search box.
 pub(super) fn blocks_in_box(
     grid: &Grid,
     base_from_camera: &Rigid<Base, Camera>,
@@ -268,12 +268,12 @@ pub(super) fn blocks_in_box(
     inside
 }
 
-/// Converts a point of the kernel to a point of the camera's frame.
+/// Converts a vector to a point in the camera frame, mm.
 pub(super) fn camera_point(point: &Vector3<f64>) -> Point<Camera> {
     Point::at(point.x, point.y, point.z)
 }
 
-/// Returns evenly spread indices of a list: multiples of the golden section, which leave out no rows.
+/// Returns uniformly spread indices of a list: multiples of the golden section, which omit no rows.
 pub(super) fn spread_indices(count: usize, wanted: usize) -> Vec<usize> {
     if wanted >= count {
         return (0..count).collect();
@@ -314,7 +314,8 @@ mod tests {
         OrganizedCloud::new(40, 30, (0..1_200).map(point).collect(), vec![[0; 3]; 1_200]).expect("counts agree")
     }
 
-    /// By hand: pixel (25, 10) has x = 0.055; the plane is there at z = 700/(1 − 0.0275), also between blocks.
+    /// Expected values, calculated by hand: pixel (25, 10) has x = 0.055; the plane is there at z = 700/(1 − 0.0275),
+    /// also between blocks.
     #[test]
     fn a_plane_is_smooth_between_blocks_and_an_edge_is_rough() {
         let grid = Grid::from_scan(&scan(), &CAMERA);
@@ -329,8 +330,8 @@ mod tests {
         assert_eq!(grid.reading_at_pixel(Pixel::at(-0.6, 10.0)), DepthReading::OutOfView);
     }
 
-    /// By hand: 15 of 16 pixels must agree. A single flying point is left out; with five points of another depth,
-    /// the block has no depth.
+    /// Expected values, calculated by hand: 15 of 16 pixels must agree. A single flying point is excluded; with five
+    /// points of another depth, the block has no depth.
     #[test]
     fn a_block_on_an_edge_has_no_depth() {
         let block = |far: usize| {
@@ -341,9 +342,10 @@ mod tests {
         assert!(block_inverse(&mut [700.0; 14], 16, 4.0 / 1785.0).is_nan());
     }
 
-    /// By hand: the side of the block is 4/1785 · 700 = 1.57 mm. A slope of 70° rises by 1.08 mm from pixel to pixel,
-    /// so that no two columns agree with one median. Its plane has 700 mm in the middle, also with a flying point. A
-    /// slope of 75° rises by 1.46 mm and is too steep; a step of 3 mm between two columns is an edge.
+    /// Expected values, calculated by hand: the side of the block is 4/1785 · 700 = 1.57 mm. A slope of 70° rises by
+    /// 1.08 mm from pixel to pixel, so no two columns agree with one median. Its plane has 700 mm in the centre, also
+    /// with a flying point. A slope of 75° rises by 1.46 mm and is too steep; a step of 3 mm between two columns is an
+    /// edge.
     #[test]
     fn a_steep_plane_has_a_depth_and_a_step_has_none() {
         let rise = |per_pixel_mm: f64| {

@@ -1,5 +1,5 @@
-//! Tests of the classification of places that look bare, on a window of 40 × 40 px: the film has 0.6 of the dry look,
-//! breaks have 0.9.
+//! Tests of the classification of candidates on a window of 40 × 40 px: the film has 0.6 of the dry brightness, a break
+//! has 0.9 of it.
 
 use super::*;
 
@@ -7,7 +7,7 @@ const SIDE: usize = 40;
 const WINDOW: Window = Window { left: 0, top: 0, width: SIDE, height: SIDE };
 const SIZES: FeatureSizes = FeatureSizes { glint_px: 50, bead_px: 6, break_px: 12 };
 
-/// The simulated observations; the default is a film that does not break.
+/// Simulated observations of a film; the default is a film that does not break.
 struct Film {
     broke_s: Vec<f32>,
     open_s: Vec<Option<f32>>,
@@ -17,13 +17,13 @@ struct Film {
     is_sanded: bool,
     has_contrast: bool,
     bright: Vec<bool>,
-    /// The brightness of an open place in the last picture; with `None`, the brightness while it looked bare.
+    /// The brightness of an open pixel in the last picture; `None` for its brightness while it appeared bare.
     now: Option<f32>,
     break_to_film: Option<[f32; 2]>,
 }
 
 impl Film {
-    /// Creates a film with one place of these pixels, which broke at 1 s and is open.
+    /// Creates a film that broke at 1 s at the given pixels and stays open.
     fn with(place: impl Fn(usize, usize) -> bool) -> Self {
         let inside = |i: usize| place(i % SIDE, i / SIDE);
         Film {
@@ -40,7 +40,7 @@ impl Film {
         }
     }
 
-    /// Returns the number of pixels that broke, and the number of those for which this is uncertain.
+    /// Returns the number of broken pixels, and the number of pixels for which this is uncertain.
     fn broken_and_unsure(&self) -> (usize, usize) {
         let FinalMask { broke_s, unsure } = determine_breaks(&WINDOW, self.broke_s.clone(), SIZES, self);
         (broke_s.iter().filter(|time_s| **time_s < NOT_BROKEN).count(), unsure.len())
@@ -98,14 +98,14 @@ fn disc(column: usize, row: usize) -> bool {
     column.abs_diff(20).pow(2) + row.abs_diff(20).pow(2) <= 36
 }
 
-/// By hand: a disc of 6 px radius has 113 px.
+/// Expected value, calculated by hand: a disc of 6 px radius has 113 px.
 #[test]
 fn an_even_disc_broke() {
     assert_eq!(Film::with(disc).broken_and_unsure(), (113, 0));
 }
 
-/// A bell-shaped brightness from 0.6 to 0.9 varies by more than 0.14 of the difference between bare place and film, and
-/// does not count as a break. A break cannot be excluded either.
+/// A bell-shaped brightness from 0.6 to 0.9 varies by more than 0.14 of the difference between bare surface and film,
+/// so the candidate is not classified as a break. A break cannot be excluded either, so its pixels are uncertain.
 #[test]
 fn a_bell_shaped_brightness_that_does_not_move_is_unsure() {
     let mut film = Film::with(disc);
@@ -116,7 +116,8 @@ fn a_bell_shaped_brightness_that_does_not_move_is_unsure() {
     assert_eq!(film.broken_and_unsure(), (0, 113));
 }
 
-/// By hand: in 30 × 2 px every pixel touches the outside; in a disc of the same size 37 pixels would not.
+/// Expected values, calculated by hand: in a line of 30 × 2 px every pixel touches the outside; in a disc of the same
+/// size 37 pixels would not.
 #[test]
 fn a_thin_line_is_unsure() {
     assert_eq!(
@@ -125,7 +126,7 @@ fn a_thin_line_is_unsure() {
     );
 }
 
-/// If the film all around the place looks bare, or reflections lie beside the place, the result is unsure.
+/// If the film around the candidate appears bare, or reflections lie beside it, the result is uncertain.
 #[test]
 fn without_contrast_or_along_a_reflection_a_place_is_unsure() {
     assert_eq!(Film { has_contrast: false, ..Film::with(disc) }.broken_and_unsure(), (0, 113));
@@ -136,8 +137,8 @@ fn without_contrast_or_along_a_reflection_a_place_is_unsure() {
     assert_eq!(film.broken_and_unsure(), (0, 113));
 }
 
-/// A place looks bare from 1 s to 1.4 s at its left and from 2 s to 2.4 s at its right, and is as small as a glint. The
-/// bare look moved on. If all of the same place is open at one time, the place broke and closed.
+/// The candidate is as small as a glint. Its left part appears bare from 1 s to 1.4 s, and its right part from 2 s to
+/// 2.4 s: the bare appearance moved. If the whole candidate is open at one time, it broke and closed.
 #[test]
 fn a_glint_that_moves_on_is_no_break() {
     let place = |column: usize, row: usize| (10..16).contains(&column) && (10..16).contains(&row);
@@ -153,10 +154,10 @@ fn a_glint_that_moves_on_is_no_break() {
     assert_eq!(closed.broken_and_unsure(), (113, 0));
 }
 
-/// By hand: a glint of 50 px has a diameter of 7.98 px, so that places less than 32 px apart may belong to one
-/// trail. Specks open one after another and close 0.6 s later: the first is film at 1.6 − 0.5 + 0.4 = 1.5 s, before
-/// the last opens at 2.5 s. Specks that open at once or stay open for 4 s, and a single speck, remain unsure. The
-/// same is true for two specks of 16 px, each as large as a break.
+/// Expected values, calculated by hand: a glint of 50 px has a diameter of 7.98 px, so candidates that are less than 32
+/// px apart may belong to one trail. The specks open one after another and close 0.6 s later. The first is film at 1.6
+/// − 0.5 + 0.4 = 1.5 s, before the last opens at 2.5 s. Specks that open at the same time, specks that stay open for 4
+/// s, and a single speck stay uncertain. Two specks of 16 px, each as large as a break, also stay uncertain.
 #[test]
 fn places_of_one_trail_are_judged_together() {
     let specks = |count: usize, step_s: f32, open_s: f32| {
@@ -181,9 +182,9 @@ fn places_of_one_trail_are_judged_together() {
     assert_eq!(large.broken_and_unsure(), (0, 32));
 }
 
-/// One half of a break opened at 4 s and the other at 5 s, and each half closed again 1 s later. At one picture a
-/// second this is no evidence of a movement: by hand, the first half may have closed as late as 5 − 0.5 + 2 = 6.5 s,
-/// when the other half was already open.
+/// One half of a break opened at 4 s and the other at 5 s, and each half closed again 1 s later. At one picture per
+/// second this is no evidence of a motion. Expected value, calculated by hand: the first half may have closed as late
+/// as 5 − 0.5 + 2 = 6.5 s, when the other half was already open.
 #[test]
 fn a_break_between_two_pictures_did_not_move_on() {
     let place = |column: usize, row: usize| (10..14).contains(&column) && (10..14).contains(&row);
@@ -196,8 +197,8 @@ fn a_break_between_two_pictures_did_not_move_on() {
     assert_eq!(Film { longest_step_s: 0.2, ..film }.broken_and_unsure(), (0, 0));
 }
 
-/// By hand: films of 22 and 66 levels, with breaks of 34 and 88 levels in them. The mean of the breaks, 61, is
-/// within 8 % of the brighter film, but no single pixel is.
+/// Expected values, calculated by hand: two films of 22 and 66 levels contain breaks of 34 and 88 levels. The mean of
+/// the breaks, 61, is within 8 % of the brighter film, but no single pixel is.
 #[test]
 fn a_break_over_two_kinds_of_film_did_not_become_film() {
     let mut film = Film { is_sanded: true, ..Film::with(disc) };
@@ -208,8 +209,8 @@ fn a_break_over_two_kinds_of_film_did_not_become_film() {
     assert_eq!(broke + unsure, 113);
 }
 
-/// By hand: 2 × 2 px of water within a break are a bead and belong to the break. 3 × 3 px are larger than the
-/// largest bead of 6 px.
+/// Expected result: 2 × 2 px of water within a break are a bead and belong to the break; 3 × 3 px are more than the
+/// maximum size of a bead, 6 px.
 #[test]
 fn a_bead_belongs_to_its_break() {
     let with_hole = |side: usize| {
@@ -220,8 +221,9 @@ fn a_bead_belongs_to_its_break() {
     assert_eq!(with_hole(3).broken_and_unsure().0, 113 - 9);
 }
 
-/// Beside an edge of a sanded area: by hand, 0.62 is the film's look on the right and 0.62/0.36 = 1.72 times the
-/// film's look on the left. A break of the left film would look the same. The state of the place is then unknown.
+/// A candidate beside an edge of a sanded area. Expected values, calculated by hand: 0.62 is the brightness of the film
+/// on the right, and 0.62/0.36 = 1.72 times the brightness of the film on the left. A break of the left film would have
+/// the same brightness, so the state of the candidate is unknown.
 #[test]
 fn a_place_that_looks_like_one_film_beside_it_and_like_a_break_of_the_other_is_unsure() {
     let beside = |left: f32| {
@@ -232,9 +234,10 @@ fn a_place_that_looks_like_one_film_beside_it_and_like_a_break_of_the_other_is_u
     assert_eq!((beside(0.36), beside(0.6)), ((0, 113), (0, 0)));
 }
 
-/// Tests a sanded place. By hand, 0.9/0.6 = 1.5 times its film's look is within 1.2 to 2.0: the place broke. A look of
-/// 0.62 is within 8 % of the film around it: the place became film after a glint. With a look of 0.45, or with any look
-/// if the film is unknown, it is neither. A place with a mean of 0.7 and 0.62 in the last picture became film, too.
+/// Expected results for a sanded place, calculated by hand. With 0.9/0.6 = 1.5 times the film brightness, within 1.2 to
+/// 2.0, the place broke. With 0.62, within 8 % of the film around it, the place became film after a glint. With 0.45,
+/// or if the film is unknown, the result is neither. With a mean of 0.7 and 0.62 in the last picture, the place also
+/// became film.
 #[test]
 fn a_sanded_place_is_compared_with_the_film_around_it() {
     let sanded = |bare: f32| Film { is_sanded: true, bare: vec![bare; SIDE * SIDE], ..Film::with(disc) };

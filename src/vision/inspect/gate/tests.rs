@@ -1,4 +1,4 @@
-//! Tests the gate at its limits.
+//! Tests of the acceptance checks at their limits.
 
 use super::super::observed::CellDemands;
 use super::super::quality::Quality;
@@ -37,8 +37,8 @@ fn codes(observation: &Observation) -> Vec<String> {
     judgement.reasons.into_iter().map(|reason| reason.code.to_string()).collect()
 }
 
-/// By hand, these values are just sufficient: 8 of 10 seconds, 5 intervals, a film that changes the panel by six times
-/// the noise, and a fifth of the edge.
+/// Values that are just sufficient, calculated by hand: 8 of 10 seconds, 5 intervals, a film that changes the
+/// brightness by six times the noise, and 20 % of the outline.
 #[test]
 fn each_demand_is_met_at_its_limit_but_not_beyond() {
     let usable = |usable_s: f64, longest_unseen_s: f64| {
@@ -94,8 +94,7 @@ fn each_demand_is_met_at_its_limit_but_not_beyond() {
     }
 }
 
-/// Two pictures are brighter and one is out of focus: the reason names the light, with the worst value and the
-/// limit of this flaw.
+/// Two pictures are too bright and one is out of focus: the reason names the light, with its worst value and its limit.
 #[test]
 fn the_exceeded_limit_is_named() {
     let mut quality = good().quality;
@@ -109,8 +108,8 @@ fn the_exceeded_limit_is_named() {
     assert!(message.starts_with(told), "{message}");
 }
 
-/// Enough of the outline is seen, but its parts do not agree on one position: the reason must not state that too
-/// little is seen.
+/// Enough of the outline is visible, but its parts do not agree on one position: the reason must not state that too
+/// little is visible.
 #[test]
 fn an_outline_that_does_not_agree_is_distinguished_from_one_that_is_not_seen() {
     let told = |flaw: Flaw, worst: f64| {

@@ -1,38 +1,42 @@
-//! Classifies each pixel of each picture as film, bare or neither, and counts for how long.
+//! Classifies each pixel of each picture as film, bare or neither, and measures for how long.
 //!
-//! Let s be a pixel's look, w its own wet look and d its own dry look in the present light. β is the smallest fraction
-//! of its dry look to which a broken place returns, and σ is the clip's noise. A place that broke then has a look from
-//! about β d to d. Between this range and the film's look lies the gap g. The half of the gap nearer to the bare look,
-//! 6 σ at most, counts as bare:
+//! Let s be the brightness of a pixel, w the brightness of its film and d its dry brightness in the present light. β is
+//! the minimum brightness of a broken pixel as a fraction of its dry brightness, and σ is the noise of the clip. A
+//! broken pixel then has a brightness from about β d to d. The gap g lies between this range and the film brightness. A
+//! pixel is classified as bare in the range from β d to d, and in the adjacent half of the gap up to 6 σ from this
+//! range:
 //!     bare    β d − min(g/2, 6 σ) ≤ s ≤ 9/8 d        if the film is darker,                                     (1)
-//!             7/8 β d ≤ s ≤ d + min(g/2, 6 σ)        if it is brighter,
-//! and film is every other look on the film's side of the middle of the gap: a surface that is not bare, and was not
-//! sanded since its dry picture, has water on it. A look between that middle and (1) is neither: it carries no
-//! information, and the run does not change. A place without a dry look of its own is film while |s − w| ≤ a. Outside
-//! of this range it is bare, up to the brightest look that a bare place of such a film can have; a is half of the
-//! change that a break would cause.
+//!             7/8 β d ≤ s ≤ d + min(g/2, 6 σ)        if it is brighter.
+//! A pixel is classified as film on the film's side of the middle of the gap: a surface that is not bare, and was not
+//! sanded since its dry picture, has water on it. A brightness between the middle of the gap and (1) is neither: it
+//! contains no information, and the counter below does not change. A pixel without a dry reference is film while |s −
+//! w| ≤ a, where a is half of the change that a break would cause. Outside of this range the pixel is bare, up to the
+//! maximum brightness of a bare surface under such a film.
 //!
-//! Reflections and waves move, and a bare place does not. So a bare look counts only while
-//!     |s − s'| ≤ 4 σ + d/32,    s' the look in the picture before.                                              (2)
-//! A run counts the time of bare looks against that of film and stays within 0…H (a CUSUM, Page, Biometrika 41, 1954).
-//! H is the time for which a place must look bare, minus the step between two pictures: when the run reaches H the film
-//! is open, and when it is back at 0 the film is closed. While the place is overexposed or unsteady, the run does not
-//! change. Until the film is open, the run begins again if the look differs from the mean of its last second by more
-//! than (2) permits. All times are those of the pictures' timestamps.
+//! Reflections and waves move, and a bare surface does not. A bare brightness is therefore used only while
+//!     |s − s'| ≤ 4 σ + d/32,    s' the brightness in the previous picture.                                      (2)
+//! A counter adds the time of bare pictures, subtracts the time of film pictures and is limited to 0…H (a CUSUM, Page,
+//! Biometrika 41, 1954). H is the minimum time for which a broken pixel appears bare, minus the time between two
+//! pictures. When the counter reaches H the film is open, and when it is back at 0 the film is closed. While the pixel
+//! is overexposed or unsteady, the counter does not change. Until the film is open, the counter starts again at 0 if
+//! the brightness differs from its mean over the last second by more than the limit of (2). All times are differences
+//! of the timestamps of the pictures.
 //!
-//! A film that moves looks different from time to time. If the film of a place was calm so far, the place may change
-//! within a moment to another steady look that is neither its film's nor a bare one. This model does not know the cause
-//! of such a change: the place is marked and does not pass. The same is true for a place that keeps looks on the bare
-//! side of the middle of the gap for three seconds and did not break; such a look is never learnt as the look of the
-//! film.
+//! A moving film changes its brightness now and then. If the film at a pixel was calm so far, its brightness may step
+//! within a moment to another steady value that is neither that of the film nor bare. This model does not know the
+//! cause of the step, so the pixel is marked and does not pass. The same is true for a pixel whose brightness stays on
+//! the bare side of the middle of the gap for three seconds without a break. This brightness is never learnt as the
+//! brightness of the film.
 //!
 //! Most of a panel is film and stays film: a block that contains only such pixels is skipped.
 //!
-//! A place that is as bright as the dry panel must have the dry panel's colour, too. A film that mirrors something
-//! white adds the same amount to each channel. On a coloured panel such a place may be as bright as the dry one without
-//! its colour. With the channels' levels s, the dry ones d, the lamp's tint t and the place's own light r,
+//! A pixel that is as bright as the dry panel must also have the colour of the dry panel. A film that reflects a white
+//! object adds the same amount to each channel. On a coloured panel, such a pixel may be as bright as the dry panel but
+//! has another colour. With the levels s of the channels, the dry levels d, the tint t of the lamp and the light r at
+//! the pixel,
 //!     e = s − r t d,  r = Σ s / Σ t d,        of the dry colour:  max e − min e ≤ 6 levels + max d / 16.       (3)
-//! The limit is four times a camera's noise. On a grey panel (3) always holds: colour gives no information there.
+//! The limit is four times the noise of a camera. On a grey panel (3) is always met: its colour contains no
+//! information.
 
 #![allow(unsafe_code, reason = "multiversion's dispatch; nothing here is unsafe by itself")]
 
@@ -45,62 +49,62 @@ use super::light::TileLight;
 use multiversion::multiversion;
 use std::ops::Range;
 
-/// Number of ticks per second; times are counted in ticks.
+/// Number of ticks per second, the unit of time in this model.
 pub const TICKS_PER_SECOND: f64 = 64.0;
-/// A reflection moves on within this time, s, and a break stays.
+/// Maximum time for which a reflection stays at a pixel, s; a break stays longer.
 pub const REFLECTION_TIME_S: f64 = 3.0;
-/// A look may count as bare if it lies outside of the range of bare looks by at most this, in σ …
+/// Maximum distance of a bare brightness from the range between β d and d, as a multiple of σ.
 const BARE_TOLERANCE_SIGMA: u16 = 6;
-/// … two looks count as equal if they differ by at most this, in σ …
+/// Maximum difference of two brightness values that are treated as equal, as a multiple of σ.
 const EQUALITY_SIGMA: u16 = 4;
-/// … and a look is surely water if it lies outside of the range of bare looks by more than this, in σ.
+/// Minimum distance from the range of bare brightness at which a pixel certainly shows water, as a multiple of σ.
 const WATER_SIGMA: u16 = 8;
-/// A step changes the look by more than its value divided by this number: at the edge of a shadow the light is not
-/// known more exactly, and a film removes two fifths of the brightness.
+/// Divisor for the minimum change of a step: a step changes the brightness by more than the brightness divided by this
+/// number. At the edge of a shadow the light is not known more exactly; a film removes 40 % of the brightness.
 const STEP_DIVISOR: u16 = 6;
-/// A step lasts this long at most, ticks: a quarter of a second, or two pictures …
+/// Maximum duration of a step, ticks: a quarter of a second, or two pictures.
 const MAX_STEP_TICKS: u16 = 16;
-/// … and before the step the place was calm for at least this long, ticks: a second.
+/// Minimum time for which the pixel was calm before a step, ticks: one second.
 const MIN_CALM_TICKS: u16 = 64;
-/// A place that has a look nearer to bare than to its film for this time, ticks, does not pass.
+/// Minimum time, ticks, after which a pixel with a brightness nearer to bare than to film does not pass.
 const MIN_INTERMEDIATE_TICKS: u16 = (REFLECTION_TIME_S * TICKS_PER_SECOND) as u16;
-/// The rounding error that is added to a bound.
+/// Rounding error that is added to a limit, 1/64 grey level.
 const ROUNDING_MARGIN: u16 = 3 * LEVEL / 2;
 
-/// The observation of one block of pixels in a picture.
+/// The observation of one block of pixels in one picture.
 #[derive(Debug, Clone, Copy)]
 pub struct BlockObservation<'a> {
     pub current: &'a Block,
     /// The picture before.
     pub previous: &'a Block,
     pub dry: &'a Block,
-    /// The gain of the film relative to its wet look, 1/4096.
+    /// Ratio of the film's light to the light in which its brightness was learnt, 1/4096.
     pub gain_q12: &'a Block,
-    /// The light on a bare place, 1/4096.
+    /// Ratio of the light on a bare surface to the light of the dry picture, 1/4096.
     pub light_q12: &'a Block,
 }
 
-/// Data about a block's pixels that are stored from picture to picture, in addition to the pixels' states.
+/// The history of a block's pixels from picture to picture, in addition to the states of the pixels.
 #[derive(Debug, Clone, Copy)]
 pub struct BlockHistory {
-    /// Time for which the pixel has looked bare, ticks.
+    /// Time for which the pixel has appeared bare, ticks.
     pub bare_time: Block,
-    /// The picture since which the pixel has looked bare.
+    /// Number of the picture since which the pixel has appeared bare.
     pub bare_since: Block,
-    /// The picture in which the pixel's film closed again, if the film broke before.
+    /// Number of the picture in which the film closed again at the pixel, if it broke before.
     pub closed_at: Block,
-    /// The mean difference from the pixel's dry look while the pixel looked bare, or from its wet look if it has no dry
-    /// look: an exponential moving average, 1/64 level, signed.
+    /// Mean difference from the dry brightness while the pixel appeared bare; for a pixel without a dry reference, from
+    /// the film brightness. An exponential moving average, 1/64 level, signed.
     pub bare_difference: Block,
-    /// Time for which the pixel showed neither film nor a bare place, ticks …
+    /// Time for which the pixel showed neither film nor a bare surface, ticks.
     pub unseen_time: Block,
-    /// … and the picture in which the pixel last showed film or a bare place.
+    /// Number of the picture in which the pixel last showed film or a bare surface.
     pub last_seen_at: Block,
-    /// Time for which the pixel has had a steady look that is neither film nor bare, ticks.
+    /// Time for which the pixel has had a steady brightness that is neither film nor bare, ticks.
     pub away_time: Block,
-    /// Time at which the pixel last had its film's look, ticks; known while the pixel is busy.
+    /// Time at which the pixel last had the brightness of its film, ticks; known while the pixel is busy.
     pub left_wet_at: Block,
-    /// Time since which the present wet look has been the film's look, ticks.
+    /// Time since which the present wet brightness has been the brightness of the film, ticks.
     pub wet_look_since: Block,
 }
 
@@ -118,41 +122,42 @@ impl BlockHistory {
     };
 }
 
-/// The parameters for judging pixels.
+/// The parameters for the classification of pixels.
 #[derive(Debug, Clone, Copy)]
 pub struct ClassifyParameters {
     /// β in 1/65536.
     pub damp_q16: u16,
-    /// a: the limit of |s − w| for a place without a dry look, as a fraction of its wet look, 1/65536.
+    /// a: limit of |s − w| for a pixel without a dry reference, as a fraction of its film brightness, 1/65536.
     pub away_q16: u16,
-    /// If a place without a dry look is brighter than this multiple of its wet look, it is not bare, but a reflection
-    /// lies on its film. 1/4096, below 4.
+    /// Maximum brightness of a bare pixel without a dry reference, as a multiple of its film brightness, 1/4096, below
+    /// 4. A brighter pixel shows a reflection on its film.
     pub bright_q12: u16,
     /// σ, 1/64 level.
     pub noise: u16,
     /// H, ticks; at least one tick.
     pub persist: u16,
-    /// The time since the previous picture, ticks.
+    /// Time since the previous picture, ticks.
     pub step: u16,
-    /// The time of this picture, ticks.
+    /// Time of this picture, ticks.
     pub ticks: u16,
-    /// The numbers of the previous picture and of this picture.
+    /// Number of the previous picture and of this picture.
     pub previous: u16,
     pub now: u16,
-    /// The ratio of the light to the previous light, 1/4096.
+    /// Ratio of the present light to the light of the previous picture, 1/4096.
     pub brighter_q12: u16,
-    /// Power of 2 by which the weight of each picture in the mean look of a bare place is divided: the mean is that of
-    /// the last second.
+    /// Power of 2 by which the weight of each picture in the mean bare brightness is divided: the mean covers the last
+    /// second.
     pub mean: u32,
-    /// Power of 2 by which the weight of a new look is divided while the wet look is being learnt; `None` afterwards.
+    /// Power of 2 by which the weight of a new brightness is divided while the film brightness is being learnt; `None`
+    /// afterwards.
     pub learn: Option<u32>,
 }
 
-/// The bare looks of a place, and the permitted variation of its film's look.
+/// The limits of the bare brightness of a pixel, and the permitted variation of its film brightness.
 #[derive(Debug, Clone, Copy)]
 struct BareBounds {
     bare: [u16; 2],
-    /// The bare looks together with the half of the gap that is nearer to them.
+    /// Minimum and maximum of the bare range with the adjacent half of the gap.
     half: [u16; 2],
     near: u16,
     gap: u16,
@@ -179,8 +184,9 @@ fn bounds(wet: u16, dry: u16, has_dry: u16, rule: &ClassifyParameters) -> BareBo
     BareBounds { bare: [low, high_end], half, near, gap }
 }
 
-/// Adds the blocks of a row that must be judged; `first` is the index of the row's first block. A block is skipped only
-/// if each of its pixels in the region is film and has the look of its film, in this picture and before.
+/// Appends the blocks of a row that must be judged; `first` is the index of the row's first block. A block is skipped
+/// only if each of its pixels in the region is film and has the brightness of its film, in this and in the previous
+/// picture.
 #[multiversion(targets("x86_64+avx2+bmi1+bmi2+fma", "x86_64+sse4.1+ssse3"))]
 pub fn disturbed_blocks(first: usize, rows: BlockRow<'_>, rule: &ClassifyParameters, found: &mut Vec<usize>) {
     for index in 0..rows.current.len() {
@@ -204,7 +210,7 @@ pub fn disturbed_blocks(first: usize, rows: BlockRow<'_>, rule: &ClassifyParamet
     }
 }
 
-/// The blocks of a row in a picture.
+/// The blocks of a row in one picture.
 #[derive(Debug, Clone, Copy)]
 pub struct BlockRow<'a> {
     pub current: &'a [Block],
@@ -215,7 +221,7 @@ pub struct BlockRow<'a> {
     pub light_q12: &'a [Block],
 }
 
-/// The data of a block's pixels so far: their states, the looks of their film, and their history.
+/// The state of a block so far: the states of its pixels, the brightness of their film, and their history.
 pub struct BlockState<'a> {
     pub state: &'a mut Block,
     pub wet: &'a mut Block,
@@ -226,7 +232,7 @@ pub struct BlockState<'a> {
 #[multiversion(targets("x86_64+avx2+bmi1+bmi2+fma", "x86_64+sse4.1+ssse3"))]
 pub fn judge(observed: BlockObservation<'_>, known: BlockState<'_>, rule: &ClassifyParameters) -> bool {
     let BlockState { state: states, wet: wets_as, past } = known;
-    // These copies have no alias: otherwise the compiler does not vectorize the loop.
+    // These copies have no alias; with aliases the compiler does not vectorize the loop.
     let BlockObservation { current: look, previous: before, dry, gain_q12, light_q12 } = observed;
     let (look, before, dry, gain_q12, light_q12) = (*look, *before, *dry, *gain_q12, *light_q12);
     let mut wet = *wets_as;
@@ -261,8 +267,8 @@ pub fn judge(observed: BlockObservation<'_>, known: BlockState<'_>, rule: &Class
         let steady = mask(change <= 4 * rule.noise + d / 32) & mask(before[i] & OVEREXPOSED_FLAG == 0);
         let is_near = mask(s.abs_diff(w) <= near);
         let is_bare = mask(s >= bare[0]) & mask(s <= bare[1]) & visible & has_dry; // (1)
-        // The look is nearer to bare than to the film. If the place is not bare, it is a break that is damper than the
-        // recipe states, or a film that becomes thinner.
+        // The brightness is nearer to bare than to film. If the pixel is not bare, it is a break that is damper than
+        // the recipe states, or a film that becomes thinner.
         let is_nearer = mask(s >= half[0]) & mask(s <= half[1]) & !is_near & has_dry & visible;
         let is_between = is_nearer & !is_bare;
         let is_bright = mask(s > apply_gain(w, rule.bright_q12));
@@ -284,12 +290,12 @@ pub fn judge(observed: BlockObservation<'_>, known: BlockState<'_>, rule: &Class
 
         let seen = looks_bare | looks_wet;
         unseen[i] += rule.step & !seen;
-        // A calm place is not judged; it showed its film up to the previous picture.
+        // A calm pixel is not judged; it showed its film up to the previous picture.
         let idle = mask(own & BUSY_FLAG == 0);
         seen_at[i] = choose(seen, rule.now, choose(idle, rule.previous, seen_at[i]));
 
-        // The film's look is learnt for a second, which is long enough. The look of a place that is bare at the
-        // beginning is learnt when the place first becomes wet.
+        // The film brightness is learnt for one second. If a pixel is bare at the beginning, its film brightness is
+        // learnt when the pixel first becomes wet.
         let ever_wet = mask(own & EVER_WET_FLAG > 0);
         let nearer = ((s.wrapping_sub(w) as i16) >> shift) as u16;
         let first = !ever_wet & looks_wet & has_dry & !is_near;
@@ -297,9 +303,9 @@ pub fn judge(observed: BlockObservation<'_>, known: BlockState<'_>, rule: &Class
         let is_sure = looks_wet & (is_near & mask(gap >= EQUALITY_SIGMA * rule.noise) | mask(outside >= sure));
         let wets = choose(has_dry, is_sure, looks_wet);
 
-        // A step: the look changes from the film's look to another steady look that is not bare.
+        // A step: the brightness changes from that of the film to another steady value that is not bare.
         let begun = choose(idle, rule.ticks - rule.step, left[i]);
-        // A film whose look changed and returned is moving.
+        // A film whose brightness changed and returned is moving.
         let moved = is_near & has_dry & !idle & mask(rule.ticks - begun > rule.step);
         left[i] = choose(is_near & visible, rule.ticks, begun);
         let is_far = mask(s.abs_diff(w) > w / STEP_DIVISOR);
@@ -310,8 +316,8 @@ pub fn judge(observed: BlockObservation<'_>, known: BlockState<'_>, rule: &Class
         let calm = mask(left[i].saturating_sub(anchored[i]) >= MIN_CALM_TICKS);
         let quick = mask(took <= MAX_STEP_TICKS.max(2 * rule.step));
         let took_another = reached & quick & calm & mask(own & MOVED_FLAG == 0) & !is_nearer;
-        // A place that keeps a look nearer to bare than to its film does not pass, whatever caused this look. If the
-        // place is bare all the time, it breaks.
+        // A pixel whose brightness stays nearer to bare than to film does not pass, whatever the cause. If the pixel is
+        // bare all the time, it breaks.
         let stepped = took_another | is_between & mask(away[i] >= MIN_INTERMEDIATE_TICKS);
         let anchors = (reached & !stepped & !is_nearer) | first;
         wet[i] = choose(anchors, s, choose(learns & is_near & !is_bare, wet[i].wrapping_add(nearer), wet[i]));
@@ -348,9 +354,9 @@ pub fn judge(observed: BlockObservation<'_>, known: BlockState<'_>, rule: &Class
     any & NEW_BREAK_FLAG > 0
 }
 
-/// A row of tiles.
+/// The pixels of a row of tiles, with their state.
 pub struct TileRow<'a> {
-    /// The number of blocks in each row of the band.
+    /// Number of blocks in each row of the band.
     pub columns: usize,
     pub current: &'a [Block],
     /// The picture before.
@@ -359,13 +365,13 @@ pub struct TileRow<'a> {
     pub state: &'a mut [Block],
     pub wet: &'a mut [Block],
     pub past: &'a mut [BlockHistory],
-    /// For each row, the blocks with pixels of the region.
+    /// For each row of pixels, the range of blocks that contain pixels of the region.
     pub inside: &'a [Range<usize>],
 }
 
 impl TileRow<'_> {
-    /// Judges the pixels of the band; `index` is the number of its row of tiles. Returns the pixels that broke in this
-    /// picture, as indices of the band.
+    /// Judges the pixels of the band; `index` is the index of its row of tiles. Returns the pixels that broke in this
+    /// picture, as indices within the band.
     pub fn judge(&mut self, light: &TileLight, index: usize, rule: &ClassifyParameters) -> Vec<usize> {
         let columns = self.columns;
         let gains = light.blocks_q12(index);
@@ -405,12 +411,12 @@ impl TileRow<'_> {
     }
 }
 
-/// The largest error in (3) that noise causes, in grey levels; the second constant adds a fraction of the brightest
+/// Maximum error in (3) that noise causes, grey levels; `MAX_COLOUR_ERROR_SHARE` adds a fraction of the brightest
 /// channel.
 const MAX_COLOUR_ERROR_LEVELS: f64 = 6.0;
 const MAX_COLOUR_ERROR_SHARE: f64 = 1.0 / 16.0;
 
-/// Returns whether (3) holds for a place's channels now and when it was dry.
+/// Returns whether (3) is met for the channels of a pixel now and in the dry picture.
 pub(super) fn has_dry_colour_ratio(now: [u8; 3], dry: [u8; 3], tint: [f64; 3]) -> bool {
     let [now, dry] = [now, dry].map(|rgb| rgb.map(f64::from));
     let lit: [f64; 3] = std::array::from_fn(|i| tint[i] * dry[i]);
@@ -424,9 +430,9 @@ pub(super) fn has_dry_colour_ratio(now: [u8; 3], dry: [u8; 3], tint: [f64; 3]) -
 mod tests {
     use super::*;
 
-    /// By hand: a film changes a red primer of (100, 35, 35) to (58, 13, 13). With 25 levels of a white reflection it
-    /// is (83, 38, 38), r = 159/170, e = −10.5, 5.3, 5.3. The difference is 15.8 (limit 12.25). On a grey panel the
-    /// same reflection does not change the colour.
+    /// Expected values, calculated by hand: a film changes a red primer of (100, 35, 35) to (58, 13, 13). With a white
+    /// reflection of 25 levels it is (83, 38, 38), r = 159/170, e = −10.5, 5.3, 5.3. The difference is 15.8 (limit
+    /// 12.25). On a grey panel the same reflection does not change the colour.
     #[test]
     fn a_white_reflection_on_red_does_not_have_the_dry_colour() {
         let red = [100, 35, 35];
@@ -434,7 +440,7 @@ mod tests {
         assert!(has_dry_colour_ratio([103, 34, 37], red, none) && has_dry_colour_ratio([80, 28, 28], red, none));
         assert!(!has_dry_colour_ratio([83, 38, 38], red, none));
         assert!(has_dry_colour_ratio([57; 3], [57; 3], none));
-        // A lamp that is now a fifth redder turns dry red into (120, 35, 35).
+        // A lamp that is 20 % redder than before changes the dry red to (120, 35, 35).
         assert!(has_dry_colour_ratio([120, 35, 35], red, [1.2, 1.0, 1.0]));
     }
 }

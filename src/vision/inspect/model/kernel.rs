@@ -1,47 +1,48 @@
-//! The operations on every pixel of every picture, in 16-bit integers: compiled for each kind of processor and chosen
-//! at run time.
+//! The operations on every pixel of every picture, in 16-bit integers; compiled for several processor types, one of
+//! which is selected at run time.
 //!
-//! A pixel's look is a weighted sum of its channels in 1/64 grey level, in the light of the dry picture: the weights
-//! compensate the lamp's change. The ratio of the light on a tile to the light of the wet looks is its gain
-//! ([`super::light`]).
+//! The brightness of a pixel is a weighted sum of its channels in 1/64 grey level, in the light of the dry picture: the
+//! weights compensate the change of the lamp. The gain of a tile is the ratio of its present light to the light in
+//! which the film brightness was learnt ([`super::light`]).
 
-// The dispatcher that the attribute generates calls functions compiled for the detected processor.
+// The dispatcher that the attribute generates calls the function that was compiled for the detected processor.
 #![allow(unsafe_code, reason = "multiversion's dispatch; nothing here is unsafe by itself")]
 
 use multiversion::multiversion;
 
-/// One grey level in the units of a look: a look is a number of 1/64 grey levels and has 14 bits. The 16th bit marks an
-/// overexposed channel.
+/// One grey level in units of a brightness value. A brightness value is in 1/64 grey level and has 14 bits; the 16th
+/// bit marks an overexposed channel.
 pub const LEVEL: u16 = 64;
 pub const OVEREXPOSED_FLAG: u16 = 0x8000;
 pub const LOOK_MASK: u16 = 0x3fff;
-/// A channel with this value or more may be overexposed.
+/// Minimum value of a channel that may be overexposed, grey levels.
 const OVEREXPOSED_FROM: u8 = 250;
 
-/// The number of consecutive pixels of a row that are judged, or skipped, together; a row consists of whole blocks.
+/// Number of consecutive pixels of a row that are judged or skipped together; a row consists of whole blocks.
 pub const BLOCK_PX: usize = 32;
 pub type Block = [u16; BLOCK_PX];
-/// Side of a cell, px, over which the light is constant. The next constant is the number of cells in a block.
+/// Side of a cell within which the light is constant, px.
 pub const CELL_PX: usize = 8;
 pub const CELLS_PER_BLOCK: usize = BLOCK_PX / CELL_PX;
 
 /// State of a pixel: the pixel belongs to the region and can be evaluated.
 pub const INSIDE_FLAG: u16 = 0x0001;
-/// State of a pixel: its film is open now, according to the present data.
+/// State of a pixel: the film is open in the present picture.
 pub const OPEN_FLAG: u16 = 0x0002;
-/// State of a pixel: it was seen wet at least once.
+/// State of a pixel: the pixel was seen wet at least once.
 pub const EVER_WET_FLAG: u16 = 0x0004;
 /// The place broke.
 pub const BROKE_FLAG: u16 = 0x0008;
-/// State of a pixel: it broke in this picture.
+/// State of a pixel: the film broke in this picture.
 pub const NEW_BREAK_FLAG: u16 = 0x0010;
-/// State of a pixel: within a moment its look changed from the wet look to another steady look that is not the dry one.
+/// State of a pixel: its brightness stepped within a moment from that of the film to another steady value that is not
+/// bare.
 pub const STEPPED_FLAG: u16 = 0x0020;
-/// State of a pixel: it no longer has a dry look of its own and is judged only by its wet look.
+/// State of a pixel: the pixel no longer has a dry reference and is judged only by the brightness of its film.
 pub const NO_DRY_FLAG: u16 = 0x0040;
-/// State of a pixel: its look once differed from its film's look and returned to it, so water moves there.
+/// State of a pixel: its brightness once differed from that of the film and returned to it, so water moves there.
 pub const MOVED_FLAG: u16 = 0x0080;
-/// State of a pixel: a change is in progress, and the pixel must be judged in the next picture, whatever it shows.
+/// State of a pixel: a change is in progress, so the pixel must be judged in the next picture.
 pub const BUSY_FLAG: u16 = 0x0100;
 
 /// Returns a b / 2¹⁶.
@@ -50,7 +51,8 @@ pub fn multiply_high(a: u16, b: u16) -> u16 {
     ((u32::from(a) * u32::from(b)) >> 16) as u16
 }
 
-/// Returns all bits set if `holds`, else 0: the compiler can vectorize loops with masks, but not with branches.
+/// Returns a mask with all bits set if `holds`, else 0: the compiler can vectorize loops with masks, but not with
+/// branches.
 #[inline(always)]
 pub fn mask(holds: bool) -> u16 {
     u16::from(holds).wrapping_neg()
@@ -62,19 +64,18 @@ pub fn choose(mask: u16, first: u16, second: u16) -> u16 {
     (first & mask) | (second & !mask)
 }
 
-/// Applies a gain in 1/4096, below 4, to a look.
+/// Multiplies a brightness value by a gain in 1/4096, below 4.
 #[inline(always)]
 pub fn apply_gain(look: u16, gain_q12: u16) -> u16 {
     multiply_high(look << 2, gain_q12 << 2)
 }
 
-/// Calculates weighted sums of the channels; the sum of `weights` is about [`LEVEL`].
+/// Calculates the brightness of each pixel as a weighted sum of its channels; the sum of `weights` is about [`LEVEL`].
 #[multiversion(targets("x86_64+avx2+bmi1+bmi2+fma", "x86_64+sse4.1+ssse3"))]
 pub fn weighted_looks(pixels: &[[u8; 3]], weights: [u16; 3], out: &mut [u16]) {
     let count = out.len().min(pixels.len());
     let (out, bytes) = (&mut out[..count], &pixels.as_flattened()[..3 * count]);
-    // This is a loop over bytes, because compilers vectorize it; in a loop over pixels they would load the triples one
-    // by one.
+    // A loop over bytes, because compilers vectorize it; in a loop over pixels they would load the triples one by one.
     for i in 0..count {
         let [r, g, b] = [bytes[3 * i], bytes[3 * i + 1], bytes[3 * i + 2]].map(u16::from);
         let sum = (r * weights[0]).saturating_add(g * weights[1]).saturating_add(b * weights[2]).min(LOOK_MASK);
@@ -83,8 +84,8 @@ pub fn weighted_looks(pixels: &[[u8; 3]], weights: [u16; 3], out: &mut [u16]) {
     }
 }
 
-/// Sums of the measured and of the expected brightness over those pixels of a tile whose measured brightness lies
-/// within a band around the expected one.
+/// Sums of the measured and of the expected brightness over the pixels of a tile whose measured brightness lies within
+/// a band around the expected brightness.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Sum {
     pub found: u32,
@@ -92,21 +93,21 @@ pub struct Sum {
     pub pixels: u32,
 }
 
-/// Selects the rows of a tile that are added up, and the range of the looks that count.
+/// The rows of a tile that are summed, and the accepted band of brightness.
 #[derive(Debug, Clone, Copy)]
 pub struct RowSelection {
-    /// Distance from one row to the next, blocks.
+    /// Distance between the starts of two rows, blocks.
     pub stride: usize,
-    /// Interval of the rows that are added up: 1 is every row.
+    /// Interval of the rows that are summed: 1 for every row.
     pub row_interval: usize,
-    /// The band, in 1/1024 of the expected look, below 2.
+    /// Lower and upper limit of the accepted band, in 1/1024 of the expected brightness, below 2.
     pub band_q10: [u16; 2],
 }
 
-/// The number of looks of 14 bits that can be added without exceeding 16 bits.
+/// Number of 14-bit brightness values that can be summed without exceeding 16 bits.
 const MAX_SUMMED_LOOKS: usize = 4;
 
-/// Adds up the present looks of a tile's film and its expected looks. The tile is one block wide, and its first row is
+/// Sums the present and the expected brightness of the film in a tile. The tile is one block wide, and its first row is
 /// at the beginning of the slices.
 #[multiversion(targets("x86_64+avx2+bmi1+bmi2+fma", "x86_64+sse4.1+ssse3"))]
 pub fn sum_tile(look: &[Block], wet: &[Block], state: &[Block], adding: RowSelection) -> Sum {
@@ -158,7 +159,7 @@ pub fn count_overexposed(look: &[Block], state: &[Block]) -> u32 {
 mod tests {
     use super::*;
 
-    /// By hand, with weights 16, 32, 16: (16·10 + 32·20 + 16·30)/64 = 20 levels.
+    /// Expected value, calculated by hand for the weights 16, 32, 16: (16·10 + 32·20 + 16·30)/64 = 20 levels.
     #[test]
     fn a_look_is_a_weighted_mean() {
         let mut out = [0; 2];
@@ -166,8 +167,8 @@ mod tests {
         assert_eq!(out, [20 * 64, (16 * 255) | OVEREXPOSED_FLAG]);
     }
 
-    /// By hand: of 60, 100 and 30 levels, the second and the third are far from the expected 60; a fourth pixel is
-    /// open.
+    /// Expected values, calculated by hand: of 60, 100 and 30 levels, the second and the third are far from the
+    /// expected 60 levels; a fourth pixel is open.
     #[test]
     fn only_film_near_its_wet_look_determines_the_light() {
         let (mut look, mut state) = ([0; BLOCK_PX], [INSIDE_FLAG; BLOCK_PX]);

@@ -1,75 +1,75 @@
-//! The light of each picture by channel, measured on the surroundings of the panel.
+//! Measures the light of each picture in each colour channel, on the surroundings of the panel.
 //!
-//! The surroundings do not mirror, and little of them becomes wet. So the light of each channel is the median of
-//! brightness over dry brightness. Lamps on the mains tint pictures if the exposure is not a multiple of half of the
-//! mains' period, each channel by a different amount: the phosphors of an LED react slowly, its diode does not. Since
-//! each channel is evaluated separately, this beat is treated like any other change of the light.
+//! The surroundings reflect diffusely, and little of them becomes wet. The light of a channel is therefore the median
+//! ratio of present brightness to dry brightness. Lamps on AC mains tint the pictures if the exposure is not a multiple
+//! of half of the mains period. The tint differs for each channel: the phosphors of an LED react slowly, its diode does
+//! not. Since each channel is evaluated separately, this beat is compensated like any other change of the light.
 //!
-//! Surroundings that became wet are darker, too, as if the lamp were darker: a change below the plausible range is not
+//! Surroundings that became wet are darker, as if the lamp were darker: a change below the plausible range is not
 //! attributed to the lamp. If the light varies so strongly ([`Flicker`]), it is unknown whether the lamp or water made
 //! the surroundings darker. Water makes nothing brighter: if the surroundings are brighter than with any lamp that
-//! drifts, or saturate, the camera's exposure or gain has changed. A shadow that moves darkens one place after the
-//! other, and never all of them. If the lamp changes, most places change from one picture to the next, and as many
-//! places agree on the light as before.
+//! drifts, or saturate, the exposure or gain of the camera has changed. A moving shadow darkens the sample points one
+//! after another, and never all of them. If the lamp changes, most sample points change from one picture to the next,
+//! and as many sample points agree on the light as before.
 //!
 //! Light that flickers increases and decreases from picture to picture. Water that wets the surroundings changes their
 //! brightness slowly, in one direction, or once. With the light g of a channel in picture k and its change Δₖ = ln gₖ −
 //! ln gₖ₋₁, a swing is
 //!     sₖ = min(|Δₖ|, |Δₖ₋₁|)  if Δₖ Δₖ₋₁ < 0,                                                                          (1)
-//! and a lamp flickers if a quarter of the pictures, and at least [`MIN_SWINGS`] of them, have a swing of [`MIN_SWING`]
-//! or more.
+//! and a lamp flickers if at least 25 % of the pictures, and at least [`MIN_SWINGS`] of them, have a swing of
+//! [`MIN_SWING`] or more.
 
 use super::noise::SensorNoise;
 use crate::inspect::footprint::Window;
 use panelprep_base::geometry::{ColorPicture, median};
 
-/// Width of the margin around the window, as a share of the window's size. No place in it is evaluated: it contains the
-/// panel's rim and the area that is sprayed.
+/// Width of the margin around the window, as a fraction of the window's size. The margin contains the rim of the panel
+/// and the sprayed area, so no sample point lies in it.
 const MARGIN_SHARE: f64 = 0.06;
-/// Approximate maximum number of places that are evaluated; with fewer places than the next constant there is no
-/// result.
+/// Approximate maximum number of sample points.
 const MAX_EXAMINED_PLACES: usize = 1_500;
 const MIN_EXAMINED_PLACES: usize = 60;
-/// Range of grey levels of a dry place that can be used.
+/// Range of grey levels of a usable sample point in the dry picture.
 const USABLE_DRY_LEVELS: std::ops::RangeInclusive<u8> = 16..=235;
-/// Range of the gains that a lamp can have while a panel is tested: below it, the surroundings became wet.
+/// Range of the gains of a lamp while a panel is tested; below this range, the surroundings became wet.
 const PLAUSIBLE_GAINS: std::ops::Range<f64> = 0.77..1.3;
-/// A place with this level or more may be overexposed, so its brightness is only a lower bound.
+/// Minimum level of a sample point that may be overexposed, so that its brightness is only a lower bound.
 const MIN_SATURATED_LEVEL: u8 = 250;
-/// A place agrees if its ratio differs from the median by less than this fraction.
+/// Maximum difference between the ratio of a sample point and the median ratio, for the sample point to agree with the
+/// light.
 const MAX_RATIO_DEVIATION: f64 = 0.08;
-/// At least this fraction of the places around the panel must agree on the light.
+/// Minimum fraction of the sample points around the panel that must agree on the light.
 const MIN_AGREEING_SHARE: f64 = 0.5;
-/// If the light changed by more than [`MAX_RATIO_DEVIATION`], at least this part of the places that agreed before must
-/// still agree. Otherwise a shadow lies on most of the places.
+/// If the light changed by more than [`MAX_RATIO_DEVIATION`]: minimum fraction of the previously agreeing sample points
+/// that must still agree. With fewer, a shadow lies on most of the sample points.
 const MIN_KEPT_AGREEMENT: f64 = 0.9;
 
-/// The surroundings of the panel in the dry picture.
+/// The sample points on the surroundings of the panel, from the dry picture.
 #[derive(Debug, Clone, Default)]
 pub struct LampObserver {
     reference_places: Vec<(usize, [f64; 3])>,
     flicker: Flicker,
-    /// The last light that was accepted, and the value of [`LampObserver::followed`] at that time.
+    /// The last accepted light, and the value of [`LampObserver::followed`] at that time.
     accepted: Option<(LampGain, f64)>,
-    /// The light that results from adding up the common changes of most places from picture to picture; the mean of the
-    /// channels.
+    /// Product of the picture-to-picture changes of the light at most sample points; mean of the channels.
     followed: f64,
-    /// The last levels of the square around each place, in the dry picture's light.
+    /// For each sample point, the levels of its square in the last picture, in the light of the dry picture.
     last: Vec<[f64; 3]>,
     sensor: [SensorNoise; 2],
 }
 
-/// The light of one picture.
+/// The measured light of one picture.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct LampGain {
-    /// The gain of each channel, relative to the dry picture.
+    /// Gain of each channel, relative to the dry picture.
     pub gains: [f64; 3],
-    /// The fraction of the places that agree; 0 if there are too few places, or if no lamp can have such a light.
+    /// Fraction of the sample points that agree on the light; 0 if there are too few sample points, or if no lamp can
+    /// have this light.
     pub agreeing_share: f64,
-    /// The mean swing of a lamp that flickers, percent, if the places agree on a light that no lamp can have; otherwise
+    /// Mean swing of a flickering lamp, percent, if the sample points agree on a light that no lamp can have; otherwise
     /// 0.
     pub flicker_percent: f64,
-    /// The mean gain, if the places agree that it is larger than the drift of any lamp.
+    /// Mean gain, if the sample points agree that it is larger than the drift of any lamp.
     pub brighter_gain: Option<f64>,
 }
 
@@ -77,27 +77,27 @@ impl LampGain {
     const UNKNOWN: LampGain =
         LampGain { gains: [1.0; 3], agreeing_share: 0.0, flicker_percent: 0.0, brighter_gain: None };
 
-    /// Returns the mean of the channels.
+    /// Returns the mean gain of the channels.
     pub fn mean(&self) -> f64 {
         self.gains.iter().sum::<f64>() / 3.0
     }
 
-    /// Returns whether a shadow on most places causes this light; `brighter` is the factor by which most places became
-    /// brighter since the previous light.
+    /// Returns whether a shadow on most of the sample points causes this light; `brighter` is the factor by which most
+    /// of them became brighter since the previous light.
     fn is_shadow_onset(&self, before: &LampGain, brighter: f64) -> bool {
         let is_change = is_near_gain(self.mean(), brighter * before.mean())
             && self.agreeing_share >= MIN_KEPT_AGREEMENT * before.agreeing_share;
         !is_near_gain(self.mean(), before.mean()) && !is_change
     }
 
-    /// Returns the gain of each channel, if enough of the places agree.
+    /// Returns the gain of each channel, if enough sample points agree.
     pub fn agreed_gains(&self) -> Option<[f64; 3]> {
         (self.agreeing_share >= MIN_AGREEING_SHARE).then_some(self.gains)
     }
 }
 
 impl LampObserver {
-    /// Examines the surroundings of this window in a dry picture.
+    /// Selects the sample points on the surroundings of this window in a dry picture.
     pub fn observe_surroundings(window: &Window, dry: &ColorPicture) -> Self {
         let margin = |length: usize| (MARGIN_SHARE * length as f64).ceil() as usize;
         let (across, down) = (margin(window.width), margin(window.height));
@@ -121,7 +121,7 @@ impl LampObserver {
         LampObserver { reference_places: places, ..LampObserver::default() }
     }
 
-    /// Adds the surroundings of this window in the next dry picture.
+    /// Adds the brightness of the surroundings in the next dry picture.
     pub fn add_surroundings(&mut self, window: &Window, dry: &ColorPicture) {
         self.measure(dry);
         let sensor = std::mem::take(&mut self.sensor);
@@ -141,8 +141,8 @@ impl LampObserver {
         let is_saturated = |index: usize| picture.rgb[index].iter().any(|level| *level >= MIN_SATURATED_LEVEL);
         let (saturated, usable): (Vec<_>, Vec<_>) =
             self.reference_places.iter().partition(|(index, _)| is_saturated(*index));
-        // A saturated place gives only a lower bound. If most places are saturated, the bound may still prove that
-        // there is more light than can be compensated.
+        // A saturated sample point gives only a lower bound. If most sample points are saturated, the bound may still
+        // prove that the light is too strong for compensation.
         if usable.len() < MIN_EXAMINED_PLACES.max(saturated.len()) {
             let mut lowest_gains: Vec<f64> =
                 saturated.iter().map(|(index, dry)| ratio(picture.rgb[*index][1], dry[1])).collect();
@@ -161,12 +161,12 @@ impl LampObserver {
         let agree = near.sum::<usize>() as f64 / (3 * usable.len()) as f64;
         self.add_noise(picture, gains);
         let flicker_percent = self.flicker.mean_swing_percent(gains);
-        // Below this range water has wetted the surroundings, so that their darkness does not measure the light.
+        // Below this range water has wetted the surroundings, so that they do not measure the light.
         if gains.iter().all(|gain| PLAUSIBLE_GAINS.contains(gain)) {
             let lit = LampGain { gains, agreeing_share: agree, flicker_percent: 0.0, brighter_gain: None };
             let is_shadow =
                 |(before, followed): (LampGain, f64)| lit.is_shadow_onset(&before, self.followed / followed);
-            // With a shadow on the surroundings alone, the film would look too bright, as a break does.
+            // With a shadow on the surroundings alone, the film would appear too bright, as a break does.
             if self.accepted.is_some_and(is_shadow) {
                 return LampGain { gains, ..LampGain::UNKNOWN };
             }
@@ -185,18 +185,18 @@ impl LampObserver {
 
 impl LampObserver {
     /// Returns the sensor's noise in the means of squares of [`LampObserver::SIDE_PX`]: for one channel, and for the
-    /// mean of all three. Neighbours and channels of a colour picture are not independent, so that neither value can be
-    /// calculated from the noise of a pixel.
+    /// mean of all three. Neither value can be calculated from the noise of a pixel, because neighbouring pixels and
+    /// the channels of a colour picture are correlated.
     pub fn sensor(&self) -> [&SensorNoise; 2] {
         self.sensor.each_ref()
     }
 
-    /// The side of the squares in which noise is measured, px.
+    /// Side of the squares in which noise is measured, px.
     pub const SIDE_PX: usize = 4;
 
     fn add_noise(&mut self, picture: &ColorPicture, gains: [f64; 3]) {
         let side = LampObserver::SIDE_PX;
-        // A saturated pixel shows no noise: such a place gives no information.
+        // A saturated pixel shows no noise, so this sample point gives no information.
         let now = |(index, _): &(usize, [f64; 3])| -> [f64; 3] {
             let left = (index % picture.width).min(picture.width.saturating_sub(side));
             let top = (index / picture.width).min(picture.height.saturating_sub(side));
@@ -212,7 +212,7 @@ impl LampObserver {
         let mut now: Vec<[f64; 3]> = self.reference_places.iter().map(now).collect();
         let mut followed = gains;
         if self.last.len() == now.len() {
-            // The squares determine the common change more exactly than single pixels do.
+            // The squares determine the common change more exactly than single pixels.
             for i in 0..3 {
                 let shares = self.last.iter().zip(&now).map(|(before, now)| now[i] / before[i]);
                 let mut shares: Vec<f64> = shares.filter(|share| share.is_finite()).collect();
@@ -231,8 +231,8 @@ impl LampObserver {
     }
 }
 
-/// Returns the ratio of the majority: the median of the ratios near the median of all, calculated twice. The ratios of
-/// places that became wet are left out.
+/// Returns the ratio of the majority: the median of the ratios near the overall median, calculated twice. The ratios of
+/// sample points that became wet are thereby excluded.
 fn majority_ratio(ratios: &mut [f64]) -> f64 {
     let first = median(ratios).unwrap_or(1.0).clamp(0.25, 4.0);
     (0..2).fold(first, |gain, _| {
@@ -245,19 +245,19 @@ fn is_near_gain(ratio: f64, gain: f64) -> bool {
     (ratio / gain - 1.0).abs() < MAX_RATIO_DEVIATION
 }
 
-/// A lamp that flickers changes by at least `MIN_SWING` from picture to picture and back, and does so at least
-/// `MIN_SWINGS` times.
+/// Minimum change of a flickering lamp from picture to picture and back. A flickering lamp has at least `MIN_SWINGS` of
+/// these swings.
 const MIN_SWING: f64 = 0.02;
 const MIN_SWINGS: u32 = 3;
 
-/// The changes of the light of each channel from picture to picture.
+/// Detects flicker: the changes of the light of each channel from picture to picture.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Flicker {
     pictures: u32,
     channels: [LightChange; 3],
 }
 
-/// The light of the last picture and its change, both as logarithms, and the swings so far.
+/// For one channel, the light of the last picture and its change, both as logarithms, and the swings so far.
 #[derive(Debug, Clone, Copy, Default)]
 struct LightChange {
     last: f64,
@@ -267,8 +267,8 @@ struct LightChange {
 }
 
 impl Flicker {
-    /// Returns the mean swing including this picture, in the channel in which it is largest, percent; 0 if the light
-    /// does not flicker.
+    /// Returns the mean swing up to and including this picture, percent, of the channel with the largest swing; 0 if
+    /// the light does not flicker.
     pub fn mean_swing_percent(&mut self, gains: [f64; 3]) -> f64 {
         self.pictures += 1;
         for (swings, gain) in self.channels.iter_mut().zip(gains) {
@@ -283,7 +283,7 @@ impl Flicker {
         100.0 * means.fold(0.0, f64::max)
     }
 
-    /// Changes the reference of the light to the last picture; the swings so far stay.
+    /// Changes the reference of the light to the last picture; the swings so far are kept.
     pub fn referenced_to_last(mut self) -> Self {
         self.channels.iter_mut().for_each(|swings| swings.last = 0.0);
         self
@@ -294,8 +294,8 @@ impl Flicker {
 mod tests {
     use super::*;
 
-    /// By hand: red is a tenth brighter, blue a tenth darker. The wet area has no effect: it consists of the window and
-    /// less than half of its surroundings.
+    /// Expected values, calculated by hand: red is 10 % brighter, blue 10 % darker. The wet area has no effect: it
+    /// consists of the window and less than half of its surroundings.
     #[test]
     fn a_tint_is_measured_around_the_panel() {
         let window = Window { left: 40, top: 30, width: 80, height: 60 };
@@ -316,8 +316,8 @@ mod tests {
         assert_eq!(none, LampGain::UNKNOWN, "nothing lies around the panel");
     }
 
-    /// By hand: of 40 rows, 35 and a margin of 3 belong to the window. Two rows of 25 px are fewer than 60 places, and
-    /// two rows of 35 px are enough.
+    /// Expected values, calculated by hand: of 40 rows, 35 and a margin of 3 belong to the window. The remaining two
+    /// rows of 25 px have fewer than 60 sample points; two rows of 35 px are enough.
     #[test]
     fn too_few_places_give_no_light() {
         let light = |width: usize| {
@@ -328,8 +328,8 @@ mod tests {
         assert!(light(25).is_none() && light(35).is_some(), "{:?} {:?}", light(25), light(35));
     }
 
-    /// By hand: surroundings of 100 levels that become 180 are 1.8 times as bright; those of 190 saturate, so that
-    /// they are at least 1.34 times as bright.
+    /// Expected values, calculated by hand: surroundings of 100 levels that become 180 are 1.8 times as bright.
+    /// Surroundings of 190 levels saturate, so they are at least 1.34 times as bright.
     #[test]
     fn a_changed_exposure_is_neither_lamp_nor_water() {
         let window = Window { left: 40, top: 30, width: 80, height: 60 };
@@ -340,8 +340,9 @@ mod tests {
         }
     }
 
-    /// By hand: of five places two became wet, and the others are 3 % darker, equally bright, and 3 % brighter. The
-    /// median of all is 0.97, the median of the ratios near it is 1, and three of five places agree with it.
+    /// Expected values, calculated by hand: of five sample points two became wet; the others are 3 % darker, equally
+    /// bright, and 3 % brighter. The median of all is 0.97, the median of the ratios near it is 1, and three of five
+    /// sample points agree with it.
     #[test]
     fn places_that_became_wet_do_not_count_for_the_light() {
         let window = Window { left: 0, top: 40, width: 100, height: 20 };
@@ -354,8 +355,8 @@ mod tests {
         assert!((lit.agreeing_share - 0.6).abs() < 1e-9, "{lit:?}");
     }
 
-    /// By hand: a shadow that removes a fifth of the light from six of ten rows is not accepted as the lamp's light; a
-    /// change by a fifth in all rows is. The earlier light is accepted again as soon as most rows show it.
+    /// A shadow that removes 20 % of the light from six of ten rows is not accepted as the light of the lamp; a change
+    /// by 20 % in all rows is accepted. The earlier light is accepted again when most rows show it.
     #[test]
     fn a_shadow_on_most_of_the_surroundings_is_not_the_lamp() {
         let window = Window { left: 0, top: 0, width: 160, height: 20 };
@@ -366,13 +367,13 @@ mod tests {
             lamp.measure(&now).agreed_gains().map(|gains| (100.0 * gains[1]).round())
         };
         assert_eq!([0, 58, 40, 120, 0].map(&mut shown), [Some(100.0), None, Some(100.0), Some(80.0), Some(100.0)]);
-        // A shadow that moves slowly over the places darkens only few of them from one picture to the next.
+        // A shadow that moves slowly over the sample points darkens only few of them from one picture to the next.
         let crept: Vec<Option<f64>> = (0..=20).map(|tenth| shown(58 * tenth / 20)).collect();
         assert!(crept.iter().all(|gain| gain.is_none_or(|gain| gain == 100.0)), "{crept:?}");
         assert!(crept[20].is_none() && crept[..14].iter().all(Option::is_some), "{crept:?}");
     }
 
-    /// By hand: five pictures that change from 200 to 140 levels and back have three swings.
+    /// Expected value, calculated by hand: five pictures that change from 200 to 140 levels and back have three swings.
     #[test]
     fn a_flickering_lamp_is_distinguished_from_surroundings_that_become_wet() {
         let window = Window { left: 40, top: 30, width: 80, height: 60 };
@@ -389,8 +390,8 @@ mod tests {
         assert_eq!(shown([140, 200, 140, 200, 190]).flicker_percent, 0.0, "light that a lamp may have");
     }
 
-    /// By hand: changes of +5, −3, +4 and −6 % (as logarithms) are swings of 3, 3 and 4 %; fewer than three swings do
-    /// not count.
+    /// Expected values, calculated by hand: changes of +5, −3, +4 and −6 % (as logarithms) are swings of 3, 3 and 4 %.
+    /// Fewer than three swings are not reported as flicker.
     #[test]
     fn a_swing_is_the_smaller_of_two_changes() {
         let mut flicker = Flicker::default();
@@ -403,7 +404,7 @@ mod tests {
         assert_eq!(falls, [0.0; 4]);
     }
 
-    /// By hand: three swings in sixteen pictures are less than a quarter.
+    /// Expected value, calculated by hand: three swings in sixteen pictures are less than 25 % of the pictures.
     #[test]
     fn swings_in_less_than_a_quarter_of_the_pictures_are_not_flicker() {
         let mut flicker = Flicker::default();

@@ -1,53 +1,54 @@
-//! The light over the region in one picture, relative to the looks of its film: smooth over the picture, without a
-//! constraint over time.
+//! The light over the region in one picture, relative to the light in which the film brightness was learnt: smooth over
+//! the picture, without a constraint over time.
 //!
-//! Each tile of 32 × 32 px gives the factor by which its film is brighter than its wet look. The looks of pixels that
-//! just became wet or bare differ strongly from that factor (a film removes a third or more), so these pixels are left
-//! out, as glints are. A tile's factor is then averaged over its neighbours and limited to a range: a shadow darkens a
-//! part, nothing brightens a part alone. So a break that fills a tile is not mistaken for light.
+//! For each tile of 32 × 32 px, the ratio of present film brightness to learnt film brightness is calculated. Pixels
+//! that just became wet or bare differ strongly from this ratio (a film removes a third or more of the brightness).
+//! These pixels and glints are excluded. The ratio is then averaged over the neighbouring tiles and limited to a range:
+//! a shadow may darken a part of the region, but nothing brightens a part alone. A break that fills a tile is therefore
+//! not mistaken for light.
 //!
-//! If the surroundings of the panel show the lamp, its change is removed from the looks before ([`super::lamp`]). A
-//! remaining loss of light is a shadow, and a remaining gain is a film that becomes thinner: on a bare place the light
-//! is never more than the lamp's.
+//! If the surroundings of the panel show the light of the lamp, its change is compensated in the brightness before
+//! ([`super::lamp`]). A remaining decrease of light is a shadow, and a remaining increase is a film that becomes
+//! thinner: on a bare surface the light is never more than the lamp's.
 //!
-//! Tiles and blocks that contain no pixel of the region are skipped. Each tile is evaluated in one channel, or in the
-//! mean of the channels. If water darkens one channel more than the others, or mirrors more in it, that channel has the
-//! best contrast between film and bare place, relative to its noise. The first wet picture decides this for each tile;
-//! a tile without a dry look of its own uses the mean.
+//! Tiles and blocks without a pixel of the region are skipped. Each tile is evaluated in one channel, or in the mean of
+//! the channels. If water darkens one channel more than the others, or reflects more in it, this channel has the best
+//! contrast-to-noise ratio between film and bare surface. The view of each tile is selected in the first wet picture; a
+//! tile without a dry reference uses the mean.
 
 use super::kernel::{BLOCK_PX, Block, CELL_PX, CELLS_PER_BLOCK, INSIDE_FLAG, LEVEL, Sum};
 use std::ops::Range;
 
-/// A tile's side, px.
+/// Side of a tile, px.
 pub const TILE_PX: usize = BLOCK_PX;
-/// The largest accepted light, 1/4096; a picture with more light cannot be used for the judgement.
+/// Maximum light, 1/4096; a picture with more light cannot be judged.
 const MAX_LIGHT_Q12: f64 = 16_383.0;
 
-/// At least this fraction of a tile's pixels must be near the expected look; otherwise the neighbours determine its
-/// light.
+/// Minimum fraction of a tile's pixels with about the expected brightness; with fewer, the light of the neighbouring
+/// tiles is used.
 const MIN_NEAR_SHARE: f64 = 0.25;
-/// The permitted range of a tile's light relative to the region's median.
+/// Permitted range of the light on a tile, relative to the median of the region.
 const LOCAL_LIGHT_RANGE: [f64; 2] = [0.55, 1.08];
 
-/// The light of one picture.
+/// The light on the region in one picture.
 #[derive(Debug, Clone)]
 pub struct TileLight {
     columns: usize,
-    /// The light of each tile, row by row, relative to the light of the wet looks.
+    /// Light on each tile, row by row, relative to the light in which the film brightness was learnt.
     tiles: Vec<f64>,
     /// The region's median.
     pub region_median: f64,
-    /// Whether the lamp's own change is left out of the light.
+    /// Whether the drift of the lamp is excluded from the measured light.
     is_lamp_excluded: bool,
 }
 
 impl TileLight {
-    /// Returns a light that equals the light of the wet looks, for a lattice of tiles.
+    /// Returns a light of 1 (as in the first wet picture) for a lattice of tiles.
     pub fn uniform(columns: usize, rows: usize) -> Self {
         TileLight { columns, tiles: vec![1.0; columns * rows], region_median: 1.0, is_lamp_excluded: false }
     }
 
-    /// Returns the light of the first wet picture, which is that of the wet looks.
+    /// Returns the light of the first wet picture, the reference light of the film brightness.
     pub fn for_first_wet_picture(&self, without_lamp: bool) -> TileLight {
         TileLight {
             tiles: vec![1.0; self.tiles.len()],
@@ -57,7 +58,7 @@ impl TileLight {
         }
     }
 
-    /// Returns whether the lamp's own change is left out of the light.
+    /// Returns whether the drift of the lamp is excluded from the measured light.
     pub fn is_lamp_excluded(&self) -> bool {
         self.is_lamp_excluded
     }
@@ -67,7 +68,7 @@ impl TileLight {
         self.tiles[tile].max(f64::MIN_POSITIVE)
     }
 
-    /// Calculates the light from the tiles' sums; `inside` is the number of pixels of each tile in the region.
+    /// Calculates the light from the sums of the tiles; `inside` is the number of pixels of each tile in the region.
     pub fn updated(&self, sums: &[Sum], inside: &[u32], without_lamp: bool) -> TileLight {
         let known =
             |i: usize| f64::from(sums[i].pixels) >= MIN_NEAR_SHARE * f64::from(inside[i]) && sums[i].expected > 0;
@@ -77,8 +78,8 @@ impl TileLight {
         ratios.sort_by(|a, b| a.0.total_cmp(&b.0));
         let last = if without_lamp == self.is_lamp_excluded { self.region_median } else { 1.0 };
         let median = weighted_median(&ratios).unwrap_or(last);
-        // If the film broke everywhere, the region is brighter than any film that becomes thinner can be: this gain is
-        // not the lamp's light.
+        // If the film broke everywhere, the region is brighter than under any film that becomes thinner, so this gain
+        // is not the light of the lamp.
         let global = if without_lamp { median.clamp(LOCAL_LIGHT_RANGE[0], LOCAL_LIGHT_RANGE[1]) } else { median };
         let rows = self.tiles.len() / self.columns;
         let bounds = LOCAL_LIGHT_RANGE.map(|bound| if without_lamp { bound } else { bound * global });
@@ -91,7 +92,7 @@ impl TileLight {
             let (mut sum, mut weight) = (0.0, 0.0);
             for (column, row) in neighbours(i) {
                 let tile = row * self.columns + column;
-                // A tile that is mostly broken has no film on which the light can be measured; the light of its
+                // A tile that is mostly broken has no film on which the light can be measured, so the light of its
                 // neighbours is used.
                 if inside[tile] > 0 && known(tile) {
                     let expected = f64::from(sums[tile].expected);
@@ -110,7 +111,7 @@ impl TileLight {
     }
 
     /// Returns the light on the blocks of one row of tiles, 1/4096, once for each row of cells. The light is
-    /// interpolated from tile centre to tile centre.
+    /// interpolated between the centres of the tiles.
     pub fn blocks_q12(&self, row: usize) -> Vec<Block> {
         let (rows, columns) = (self.tiles.len() / self.columns, self.columns);
         let mut blocks = vec![[0; BLOCK_PX]; CELLS_PER_BLOCK * columns];
@@ -128,8 +129,8 @@ impl TileLight {
         blocks
     }
 
-    /// Returns the light on bare places, 1/4096, from the gains of the film beside them. If the lamp's change is known
-    /// and left out, the result is at most the lamp's light.
+    /// Returns the light on a bare surface, 1/4096, from the gains of the film beside it. If the drift of the lamp is
+    /// excluded, the result is at most the light of the lamp.
     pub fn bare_light_q12(&self, gains: &[Block]) -> Vec<Block> {
         if !self.is_lamp_excluded {
             return gains.to_vec();
@@ -139,8 +140,8 @@ impl TileLight {
     }
 }
 
-/// Returns the two of `tiles` neighbouring tiles between whose centres a cell's centre lies, and the cell's position
-/// between them, 0…1.
+/// Returns the two of `tiles` neighbouring tiles between whose centres the centre of a cell lies, and the position of
+/// the cell's centre between them, 0…1.
 fn neighbouring_tiles(cell: usize, tiles: usize) -> (usize, usize, f64) {
     let at = ((cell as f64 + 0.5) / CELLS_PER_BLOCK as f64 - 0.5).clamp(0.0, tiles as f64 - 1.0);
     let first = (at as usize).min(tiles.saturating_sub(2));
@@ -164,23 +165,23 @@ fn weighted_median(sorted: &[(f64, u32)]) -> Option<f64> {
         .map(|(value, _)| *value)
 }
 
-/// Change of a pixel above which it counts only with this value, levels: a larger change gives no more information.
+/// Upper limit of the change of a pixel, levels: a larger change is clipped, because it gives no more information.
 const MAX_COUNTED_CHANGE_LEVELS: f64 = 40.0;
-/// A single channel is chosen only if its contrast to noise is this many times that of the mean, because each tile
-/// decides from a few hundred noisy pixels.
+/// Minimum ratio of the contrast-to-noise ratio of a single channel to that of the mean, for the channel to be
+/// selected. Each tile decides from a few hundred noisy pixels.
 const MIN_CHANNEL_ADVANTAGE: f64 = 1.1;
 
-/// The views: the weights of the channels in each, and the noise of one channel divided by the view's noise.
+/// The views: for each view the weights of the channels, and the noise of one channel divided by the noise of the view.
 #[derive(Debug, Clone)]
 pub struct Views {
     weights: Vec<([f64; 3], f64)>,
     columns: usize,
-    /// The view that each tile uses.
+    /// For each tile, the index of the selected view.
     pub chosen: Vec<usize>,
 }
 
 impl Views {
-    /// Creates the views: first the mean with the recipe's weights, then each channel whose weight is not zero.
+    /// Creates the views: first the mean with the recipe's weights, then each channel with a weight above zero.
     pub fn new(channel_weights: [f64; 3], columns: usize, tiles: usize) -> Self {
         let sum: f64 = channel_weights.iter().sum();
         let mean = channel_weights.map(|weight| weight / sum);
@@ -192,8 +193,8 @@ impl Views {
         Views { weights, columns, chosen: vec![0; tiles] }
     }
 
-    /// Chooses the view of each tile from the change from dry to wet in some of the region's pixels. `changes`
-    /// contains each pixel's block and its change in each channel.
+    /// Selects the view of each tile from the change from dry to wet at some pixels of the region. `changes` contains
+    /// for each pixel its block, and its change in each channel.
     pub fn choose(&mut self, changes: impl Iterator<Item = (usize, [f64; 3])>) {
         let mut evidence = vec![vec![0.0_f64; self.weights.len()]; self.chosen.len()];
         for (block, change) in changes {
@@ -210,7 +211,7 @@ impl Views {
         }
     }
 
-    /// Returns the tile of a block.
+    /// Returns the index of the tile that contains a block.
     pub fn tile_of(&self, block: usize) -> usize {
         block / self.columns / TILE_PX * self.columns + block % self.columns
     }
@@ -220,37 +221,38 @@ impl Views {
         self.weights.len()
     }
 
-    /// Returns the variance of a view's noise, from the variance of one channel and from that of the mean of all three
-    /// with equal weights.
+    /// Returns the variance of the noise of a view, from the variance of one channel and the variance of the mean of
+    /// all three channels with equal weights.
     pub fn variance(&self, view: usize, of_channel: f64, of_mean: f64) -> f64 {
         let squares = self.weights[view].0.iter().map(|weight| weight * weight).sum::<f64>();
         if squares > 0.99 { of_channel } else { of_mean * 3.0 * squares }
     }
 
-    /// Returns the weights of a view in light that is brighter by these gains; with these weights, the look is the
-    /// same as in the dry picture's light.
+    /// Returns the weights of a view in light with these gains relative to the dry picture. With these weights, the
+    /// brightness is the same as in the light of the dry picture.
     pub fn weights(&self, view: usize, gains: [f64; 3]) -> [u16; 3] {
         std::array::from_fn(|i| (self.weights[view].0[i] / gains[i] * f64::from(LEVEL)).round() as u16)
     }
 }
 
-/// Returns the number of columns of tiles, which is that of the blocks, for this width in pixels.
+/// Returns the number of columns of tiles, equal to the number of columns of blocks, for a width in pixels.
 pub fn columns(width: usize) -> usize {
     width.div_ceil(BLOCK_PX)
 }
 
-/// Intervals of the rows from which the light and the overexposed share are estimated: thousands of pixels remain.
+/// Intervals between the rows from which the light (`LIGHT_ROW_STRIDE`) and the overexposed fraction
+/// (`EXPOSED_ROW_STRIDE`) are estimated; thousands of pixels remain.
 pub(super) const LIGHT_ROW_STRIDE: usize = 2;
 pub(super) const EXPOSED_ROW_STRIDE: usize = 4;
 
-/// The region's pixels in the tiles and blocks of a window.
+/// The pixels of the region in the tiles and blocks of a window.
 #[derive(Debug)]
 pub struct Region {
-    /// For each tile, the number of its pixels in the rows that are used for the light.
+    /// For each tile, the number of its pixels in the rows from which the light is estimated.
     pub inside: Vec<u32>,
-    /// For each row, the blocks from the first to the last that contain a pixel of the region.
+    /// For each row, the range from the first to the last block that contains a pixel of the region.
     pub rows: Vec<Range<usize>>,
-    /// The number of the region's pixels in the rows that are used for the overexposed share.
+    /// Number of pixels of the region in the rows from which the overexposed fraction is estimated.
     pub exposed_of: u32,
 }
 
@@ -284,8 +286,8 @@ mod tests {
         Sum { found, expected: 1_000, pixels: 100 }
     }
 
-    /// By hand: eight of nine tiles have a tenth more light; the ninth, 1.3 times as bright, has a gain of 1.08 · 1.1
-    /// at most.
+    /// Expected values, calculated by hand: eight of nine tiles have 10 % more light; the ninth is 1.3 times as bright
+    /// and has a gain of at most 1.08 · 1.1.
     #[test]
     fn a_part_may_be_darker_but_not_brighter() {
         let mut sums = vec![sum(1_100); 9];
@@ -298,8 +300,8 @@ mod tests {
         assert!((light.tiles[4] - (8.0 * 1.1 + 0.8) / 9.0).abs() < 1e-9);
     }
 
-    /// By hand, with a known lamp: if a film becomes 1.3 times as bright, its gain is limited to 1.08, and a bare place
-    /// has the lamp's light. In a shadow of 0.8 both have 0.8.
+    /// Expected values, calculated by hand for a known lamp: if a film becomes 1.3 times as bright, its gain is limited
+    /// to 1.08, and a bare surface has the light of the lamp. In a shadow of 0.8 both gains are 0.8.
     #[test]
     fn with_a_known_lamp_a_brighter_film_is_not_light() {
         let of = |found: u32| TileLight::uniform(3, 3).updated(&[sum(found); 9], &[100; 9], true);
@@ -321,8 +323,8 @@ mod tests {
         assert!((nothing.region_median - 0.9).abs() < 1e-12, "the light of before");
     }
 
-    /// By hand: the first cell's centre lies before the first tile's centre; the cells between the centres of two tiles
-    /// are interpolated.
+    /// Expected values, calculated by hand: the centre of the first cell lies before the centre of the first tile. The
+    /// cells between the centres of two tiles are interpolated.
     #[test]
     fn light_is_interpolated_between_tiles() {
         let light = TileLight { tiles: vec![1.0, 2.0], ..TileLight::uniform(2, 1) };
@@ -331,9 +333,9 @@ mod tests {
         assert_eq!(cells.collect::<Vec<u16>>(), [64, 64, 72, 88, 104, 120, 128, 128]);
     }
 
-    /// By hand: the mean of three equal channels has 1/√3 of the noise. A change of 30 in only one channel is 10 in
-    /// the mean, 17 relative to the mean's noise: the tile uses the channel. A change of 20 in each channel is 20
-    /// in the mean, 35 relative to its noise.
+    /// Expected values, calculated by hand: the mean of three equal channels has 1/√3 of the noise. A change of 30 in
+    /// only one channel is 10 in the mean, which is 17 relative to the noise of the mean: the tile uses the channel. A
+    /// change of 20 in each channel is 20 in the mean, which is 35 relative to the noise.
     #[test]
     fn a_tile_uses_the_view_with_the_best_contrast_to_noise() {
         let chosen = |change: [f64; 3], weights: [f64; 3]| {

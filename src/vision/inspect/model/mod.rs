@@ -1,16 +1,19 @@
-//! The film's model: the wet and the bare look of each pixel, and for how long the pixel has had each look.
+//! The model of the film: for each pixel the brightness of its film and its dry reference, and for how long the pixel
+//! has shown either of them.
 //!
-//! **A grid passes only on positive evidence of an unbroken film: each of its places was seen wet, and looks like its
-//! own wet state until the end of the observation. A place that is neither surely film nor surely broken counts as not
-//! seen, and no grid with such a place passes.** Every limit of this module lies on the safe side of that rule.
+//! **A grid passes only on positive evidence of an unbroken film: each of its pixels was seen wet, and has the
+//! brightness of its own film until the end of the observation. A pixel that is neither certainly film nor certainly
+//! broken is treated as not seen, and no grid with such a pixel passes.** Every limit of this module is on the safe
+//! side of this rule.
 //!
-//! Each pixel is compared with its own wet look w, learnt from the first second of the film, and with its own dry look
-//! d, if it still has one: a place that was sanded since the dry picture has none ([`classify`]). Film may be darker
-//! than the dry panel or brighter, by place and by channel ([`light`]). All limits are multiples of the clip's own
-//! noise ([`noise`]). The lamp's light is measured around the panel and removed from each picture ([`lamp`]). Shadows
-//! and a film that becomes thinner are measured on the film itself and removed tile by tile ([`light`]).
+//! Each pixel is compared with the brightness w of its own film, learnt from the first second of the film, and with its
+//! own dry brightness d. A place that was sanded since the dry picture has no dry reference ([`classify`]). The film
+//! may be darker or brighter than the dry panel, different for each place and channel ([`light`]). All limits are
+//! multiples of the noise of the clip ([`noise`]). The light of the lamp is measured around the panel and compensated
+//! in each picture ([`lamp`]). Shadows and a film that becomes thinner are measured on the film and compensated tile by
+//! tile ([`light`]).
 //!
-//! Memory is fixed: about 28 bytes for each pixel of the window. The model does not use grids or verdicts.
+//! The memory is fixed: about 28 bytes for each pixel of the window. The model contains no grids and no verdicts.
 
 mod answers;
 mod classify;
@@ -36,54 +39,53 @@ use panelprep_base::geometry::ColorPicture;
 use rayon::prelude::*;
 pub use shimmer::{DIFFERENCE_COUNT, Shimmer};
 
-/// Accepted ratio of a pixel's look to its wet look when the light is estimated, lowest and highest, 1/1024: first pass
-/// …
+/// Minimum and maximum ratio of present to learnt film brightness of the pixels from which the light is estimated,
+/// first pass, 1/1024.
 const FIRST_PASS_RATIO_Q10: [u16; 2] = [512, 1331];
-/// … and second pass, relative to the mean of the first pass.
+/// Minimum and maximum of this ratio in the second pass, relative to the mean of the first pass.
 const SECOND_PASS_RATIO: [f64; 2] = [0.86, 1.16];
-/// Interval of the rows that are used for the first mean: thousands of pixels remain.
+/// Interval between the rows from which the mean of the first pass is calculated; thousands of pixels remain.
 const MEAN_ROW_STRIDE: usize = 4;
-/// Darkest and brightest dry place that is evaluated, levels: a darker place shows no difference between wet and dry,
-/// and a brighter one may be overexposed.
+/// Minimum (`MIN_DRY_LEVELS`) and maximum (`MAX_DRY_LEVELS`) brightness of an evaluated pixel in the dry picture, grey
+/// levels. A darker pixel shows no difference between wet and dry, and a brighter pixel may be overexposed.
 const MIN_DRY_LEVELS: u8 = 4;
 const MAX_DRY_LEVELS: u8 = 249;
-/// The wet look is learnt over this time, s.
+/// Time over which the film brightness is learnt, s.
 const LEARNING_TIME_S: f64 = 1.0;
-/// While water is sprayed, a place counts as wet if its look differs from each bare look by at least this fraction of
-/// the dry look.
+/// Minimum difference of a sprayed, wet pixel from the range of bare brightness, as a fraction of the dry brightness.
 const MIN_SPRAYED_CHANGE_SHARE: f64 = 0.1;
-/// On a sanded place the fraction of the look that remains under the film may differ from that on the panel: it is the
-/// panel's fraction raised to a power of at most this value. The simulators draw the power from 0.85 to 1.25.
+/// Maximum exponent for the film on a sanded place. The ratio of film to bare brightness there may differ from the
+/// ratio on the panel: it is the panel's ratio raised to a power. The simulators draw the power from 0.85 to 1.25.
 pub const MAX_FILM_POWER: f64 = 1.3;
-/// The largest ratio of a look to the film's look that can be compared.
+/// Maximum ratio of brightness to film brightness that can be represented.
 const MAX_BRIGHTNESS_RATIO: f64 = 3.9;
-/// The fraction of the dry look that is assumed to remain under a film, until the clip determines it.
+/// Ratio of film brightness to dry brightness that is assumed until the clip determines it.
 pub const ASSUMED_FILM_TRANSMISSION: f64 = 0.62;
 
-/// The largest number of pictures that are counted; the second constant is the duration of the longest film, s.
+/// Maximum number of pictures; `MAX_FILM_S` is the maximum duration of a film, s.
 pub const MAX_PICTURES: usize = u16::MAX as usize;
 pub const MAX_FILM_S: f64 = 1_000.0;
 
-/// The parameters for judging a film.
+/// The parameters for judging a film, from the recipe.
 #[derive(Debug, Clone, Copy)]
 pub struct FilmParameters {
-    /// The weights of red, green and blue.
+    /// Weights of the channels red, green and blue.
     pub channel_weights: [f64; 3],
-    /// Time for which a place must look bare to count as broken, s.
+    /// Minimum time for which a broken pixel appears bare, s.
     pub persist_s: f64,
-    /// The smallest share of its dry look to which a broken place returns.
+    /// Minimum brightness of a broken pixel, as a fraction of its dry brightness.
     pub damp: f64,
 }
 
-/// The pixels of a window over time.
+/// The film model of all pixels of a window.
 #[derive(Debug)]
 pub struct Model {
     window: Window,
-    /// Number of blocks in a row, which is also the number of columns of tiles.
+    /// Number of blocks in a row, equal to the number of columns of tiles.
     columns: usize,
     terms: FilmParameters,
     views: Views,
-    /// The mean of the dry pictures, for each channel.
+    /// For each pixel, the mean of the dry pictures in each channel.
     dry_rgb: Vec<[u8; 3]>,
     dry_sum: Vec<[u16; 3]>,
     dry_pictures: u16,
@@ -95,30 +97,30 @@ pub struct Model {
     past: Vec<BlockHistory>,
     region: Region,
     noise: Noise,
-    /// The movement on places without a dry look; `None` if there are no such places.
+    /// Temporal noise at the pixels without a dry reference; `None` if there are no such pixels.
     shimmer: Option<Shimmer>,
     lamp: LampObserver,
     lit: LampGain,
     light: TileLight,
-    /// The light of the last picture that was measured.
+    /// Light of the last measured picture.
     next_light: Option<TileLight>,
-    /// The fraction of the dry look that remains under the film: the median over the region's pixels.
+    /// Ratio of film brightness to dry brightness: the median over the pixels of the region.
     film_transmission: Option<f64>,
-    /// The brightest light so far, relative to the light of the first wet picture.
+    /// Maximum light so far, relative to the light of the first wet picture.
     brightest: f64,
-    /// The times of the judged pictures, s; the first represents the beginning.
+    /// Times of the judged pictures, s; the first time is the beginning of the film.
     times_s: Vec<f32>,
-    /// Whether the first wet picture was processed.
+    /// Whether the first wet picture has been processed.
     is_watching: bool,
-    /// The variances of the learnt wet look and of the mean of a bare look, relative to the variance of one
+    /// Variance of the learnt film brightness, and of the mean bare brightness, relative to the variance of one
     /// picture.
     wet_variance: f64,
     bare_variance: f64,
 }
 
 impl Model {
-    /// Creates a model of the window's pixels for which `inside` is true. Those that are `sanded` no longer have a
-    /// dry look of their own.
+    /// Creates a model of the pixels of the window for which `inside` is true. The `sanded` pixels have no dry
+    /// reference.
     pub fn new(window: Window, inside: &[bool], sanded: &[bool], terms: FilmParameters) -> Self {
         let columns = light::columns(window.width);
         let tile_rows = window.height.div_ceil(TILE_PX);
@@ -173,8 +175,8 @@ impl Model {
         for index in 0..self.dry_rgb.len() {
             let (block, at) = self.block_position(index);
             let brightest = self.dry_rgb[index].into_iter().max().unwrap_or_default();
-            // Too dark or overexposed places look the same wet and dry; they are removed from the region and count as
-            // not seen.
+            // Too dark or overexposed pixels are equally bright wet and dry; they are removed from the region and
+            // treated as not seen.
             let shows = (MIN_DRY_LEVELS..=MAX_DRY_LEVELS).contains(&brightest);
             if !shows && self.state[block][at] & NO_DRY_FLAG == 0 {
                 self.state[block][at] = 0;
@@ -185,7 +187,7 @@ impl Model {
         self.lamp.add_surroundings(&window, picture);
     }
 
-    /// Calculates the dry looks in the view of each tile.
+    /// Calculates the dry brightness of each pixel in the view of its tile.
     fn compute_dry_looks(&mut self) {
         let mut out = [0];
         for index in 0..self.dry_rgb.len() {
@@ -196,12 +198,12 @@ impl Model {
         }
     }
 
-    /// Returns whether a dry picture was taken.
+    /// Returns whether a dry picture was captured.
     pub fn has_dry(&self) -> bool {
         self.dry_pictures > 0
     }
 
-    /// Evaluates a picture under the spray and marks the places that are wet in it.
+    /// Evaluates a picture under the spray and marks the pixels that are wet in it.
     pub fn spray(&mut self, picture: &ColorPicture) {
         if !self.has_dry() {
             return;
@@ -219,8 +221,8 @@ impl Model {
         }
     }
 
-    /// Reads the looks of a picture, in the light of the dry picture if the lamp is known; returns whether the picture
-    /// is bit-identical to the previous one.
+    /// Calculates the brightness of each pixel of a picture, in the light of the dry picture if the lamp is known.
+    /// Returns whether the picture is bit-identical to the previous one.
     fn read(&mut self, picture: &ColorPicture) -> bool {
         std::mem::swap(&mut self.current, &mut self.previous);
         let (window, columns, views) = (self.window, self.columns, &self.views);
@@ -242,7 +244,7 @@ impl Model {
         same.into_iter().all(|same| same)
     }
 
-    /// Measures a picture of the wet panel, without judging it yet.
+    /// Measures a picture of the wet panel without judging it.
     pub fn measure_wet(&mut self, picture: &ColorPicture) -> PictureMeasurement {
         self.lit = self.lamp.measure(picture);
         let is_first = !self.is_watching;
@@ -267,7 +269,7 @@ impl Model {
         measured
     }
 
-    /// Processes the first wet picture: chooses the view of each tile, and sets the first wet looks.
+    /// Processes the first wet picture: selects the view of each tile, and sets the first film brightness.
     fn begin_wet(&mut self, picture: &ColorPicture) {
         let gains = self.lit.agreed_gains().unwrap_or([1.0; 3]);
         let window = self.window;
@@ -281,25 +283,25 @@ impl Model {
                 (self.state[block][at] & (INSIDE_FLAG | NO_DRY_FLAG) == INSIDE_FLAG).then_some((block, change))
             };
             let changes: Vec<(usize, [f64; 3])> = (0..self.dry_rgb.len()).step_by(3).filter_map(change).collect();
-            // The views are chosen with the first film and then fixed: with another channel in each picture the looks
-            // could not be compared.
+            // The views are selected with the first film and then fixed: with another channel in each picture the
+            // brightness values could not be compared.
             self.views.choose(changes.into_iter());
             self.compute_dry_looks();
         }
         self.read(picture);
-        // The first picture also serves as its own previous picture.
+        // The first picture is also used as its own previous picture.
         self.previous.clone_from(&self.current);
         self.wet = self.current.iter().map(|look| look.map(|look| look & LOOK_MASK)).collect();
         for state in self.state.as_flattened_mut() {
-            // Without a dry look a single picture does not show whether a place is wet. `sanded` requires evidence of
-            // moving water at the end.
+            // Without a dry reference a single picture does not show whether a pixel is wet. The module `sanded`
+            // requires evidence of moving water at the end.
             *state |= if *state & NO_DRY_FLAG > 0 { EVER_WET_FLAG } else { 0 };
         }
         self.light = self.light.for_first_wet_picture(self.lit.agreed_gains().is_some());
         self.is_watching = true;
     }
 
-    /// Returns the share of the region that is overexposed.
+    /// Returns the fraction of the region that is overexposed.
     fn overexposed_share(&self) -> f64 {
         let rows = self.region.rows.iter().enumerate().step_by(EXPOSED_ROW_STRIDE);
         let found: u32 = rows
@@ -311,11 +313,10 @@ impl Model {
         f64::from(found) / f64::from(self.region.exposed_of.max(1))
     }
 
-    /// Judges the last picture that was measured. Returns the pixels that broke in this picture, as indices of the
-    /// window.
+    /// Judges the last measured picture. Returns the pixels that broke in this picture, as indices of the window.
     pub fn judge_last(&mut self, picture: &ColorPicture, since_wet_s: f64) -> Vec<usize> {
-        // Times and counts are 16-bit numbers; beyond these limits they would wrap, and a late break would get an early
-        // time.
+        // Times and counts are 16-bit numbers; beyond these limits they would overflow, and a late break would get an
+        // early time.
         let too_many = self.times_s.len() >= MAX_PICTURES || since_wet_s > MAX_FILM_S;
         let Some(light) = self.next_light.take().filter(|_| !too_many) else { return Vec::new() };
         let brighter = light.region_median / self.light.region_median.max(f64::MIN_POSITIVE);
@@ -324,8 +325,8 @@ impl Model {
         self.add_shimmer(since_wet_s);
         let before = self.times_s.last().copied().unwrap_or_default();
         self.times_s.push(since_wet_s as f32);
-        // Light that is estimated from the film itself may be too bright because of a reflection, and would raise the
-        // limit for all later pictures.
+        // Light that is estimated from the film may be too bright because of a reflection, and would raise the limit
+        // for all following pictures.
         if !self.light.is_lamp_excluded() {
             self.brightest = self.brightest.max(self.light.region_median);
         }
@@ -340,8 +341,8 @@ impl Model {
             away_q16: to_q16(self.away_threshold()),
             bright_q12: light::to_q12(self.brightest_break()),
             noise: (self.noise.levels() * f64::from(LEVEL)).round() as u16,
-            // A place that looks bare in consecutive pictures was bare for one step longer on average: half a step
-            // before and half a step after.
+            // A pixel that appears bare in consecutive pictures was bare for one step longer on average: half a step
+            // before the first and half a step after the last picture.
             persist: ticks(self.terms.persist_s).saturating_sub(step).max(1),
             step,
             ticks: ticks(since_wet_s),
@@ -349,8 +350,8 @@ impl Model {
             now,
             brighter_q12: light::to_q12(brighter),
             mean: (TICKS_PER_SECOND / f64::from(step.max(1))).log2().round().clamp(1.0, 6.0) as u32,
-            // Only the first second is learnt: a look that followed the film for longer would also follow a break that
-            // opens slowly.
+            // The film brightness is learnt only in the first second: if it followed the film for longer, it would also
+            // follow a break that opens slowly.
             learn: (since_wet_s <= LEARNING_TIME_S).then_some(if now <= 2 { 1 } else { 2 }),
         };
         if let Some(power) = rule.learn {
@@ -366,17 +367,18 @@ impl Model {
         broke
     }
 
-    /// Returns half of the change that the dampest accepted break causes in a film, as a share of the film's look.
+    /// Returns half of the change that the darkest accepted break causes in a film, as a fraction of the film
+    /// brightness.
     pub fn away_threshold(&self) -> f64 {
-        // A shadow on the first picture must not count as film; therefore the film is evaluated in the brightest light
-        // so far. The change by a break is then underestimated rather than overestimated.
+        // A shadow on the first picture must not be treated as film; therefore the film is evaluated in the brightest
+        // light so far. The change by a break is then underestimated rather than overestimated.
         let film = self.film_transmission.unwrap_or(ASSUMED_FILM_TRANSMISSION);
         let film = if film < 1.0 { (film * self.brightest).min(1.0) } else { film };
         ((self.terms.damp / film - 1.0).abs() / 2.0).min(0.5)
     }
 
-    /// Returns the largest look that a place without a dry look can have after its film has opened, as a share of
-    /// its film's look.
+    /// Returns the maximum brightness of a pixel without a dry reference after its film has opened, as a ratio to its
+    /// film brightness.
     pub fn brightest_break(&self) -> f64 {
         let film = self.film_transmission.unwrap_or(ASSUMED_FILM_TRANSMISSION).min(1.0);
         (film.powf(-MAX_FILM_POWER) * 1.125).min(MAX_BRIGHTNESS_RATIO)
@@ -392,7 +394,7 @@ impl Model {
         });
     }
 
-    /// Ends the observation: no further pictures are accepted.
+    /// Ends the observation; no further pictures are accepted.
     pub fn end(&mut self) {
         self.shimmer.iter_mut().for_each(Shimmer::end);
     }
@@ -406,8 +408,8 @@ impl Model {
         }
     }
 
-    /// Returns whether a pixel of the window has the dry panel's colour; true for a place without a dry look, which has
-    /// no colour for the comparison.
+    /// Returns whether a pixel of the window has the colour of the dry panel; true for a pixel without a dry reference,
+    /// which has no colour for the comparison.
     fn has_dry_colour(&self, picture: &ColorPicture, index: usize) -> bool {
         let (block, at) = self.block_position(index);
         if self.state[block][at] & NO_DRY_FLAG > 0 {
@@ -419,9 +421,9 @@ impl Model {
         self.dry_rgb.get(index).is_none_or(|dry| has_dry_colour_ratio(now, *dry, tint))
     }
 
-    /// Cancels a break because the bare look is a reflection. The pixel did not break, and the time for which it looked
-    /// bare counts as not seen. The run is set to just below the required time, so that the pixel is checked again in
-    /// the next picture.
+    /// Cancels a break, because the bare appearance is a reflection. The pixel is treated as unbroken, and as not seen
+    /// while it appeared bare. Its counter is set to just below the required time, so that the pixel is checked again
+    /// in the next picture.
     fn cancel_break(&mut self, index: usize) {
         let (block, at) = self.block_position(index);
         let past = &mut self.past[block];
@@ -432,14 +434,15 @@ impl Model {
         past.last_seen_at[at] = past.bare_since[at];
     }
 
-    /// Returns the sums of each tile: first over a wide band of ratios, then over a band around their mean.
+    /// Returns the sums of each tile: first over a wide band of ratios, then over a narrower band around the mean
+    /// ratio.
     fn tile_sums(&self) -> Vec<Sum> {
         let tile_rows: Vec<usize> = (0..self.state.len() / self.columns / TILE_PX).collect();
         let sums: Vec<Vec<Sum>> = tile_rows.par_iter().map(|row| self.tile_row_sums(*row)).collect();
         sums.concat()
     }
 
-    /// Returns the sums of one row of tiles.
+    /// Returns the sums of the tiles in one row of tiles.
     fn tile_row_sums(&self, tile_row: usize) -> Vec<Sum> {
         let stride = self.columns;
         let rows = tile_row * TILE_PX * stride..(tile_row + 1) * TILE_PX * stride;
@@ -484,7 +487,7 @@ impl Model {
     }
 }
 
-/// Converts a share below 1 to units of 1/65536.
+/// Converts a fraction below 1 to units of 1/65536.
 fn to_q16(share: f64) -> u16 {
     (share * 65_536.0).round().min(65_535.0) as u16
 }
@@ -492,18 +495,17 @@ fn to_q16(share: f64) -> u16 {
 /// The measurements of one picture.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct PictureMeasurement {
-    /// The light relative to the dry picture: the lamp's light if it is known, otherwise the median over the
-    /// region's film.
+    /// Light relative to the dry picture: the light of the lamp if it is known, otherwise the median over the film of
+    /// the region.
     pub light: f64,
-    /// Whether `light` is the lamp's light.
+    /// Whether `light` is the light of the lamp.
     pub is_lamp_known: bool,
-    /// The share of the region that is overexposed.
+    /// Fraction of the region that is overexposed.
     pub overexposed: f64,
-    /// Whether the picture is bit-identical to the previous one: the camera sends one picture again and again.
+    /// Whether the picture is bit-identical to the previous one: the camera sends one picture repeatedly.
     pub frozen: bool,
-    /// τ, measured or assumed.
+    /// τ, the ratio of film brightness to dry brightness, measured or assumed.
     pub film_transmission: f64,
-    /// The flicker of the lamp, percent, if it is not known whether the lamp or water changed the surroundings;
-    /// otherwise 0.
+    /// Flicker of the lamp, percent, if it is unknown whether the lamp or water changed the surroundings; otherwise 0.
     pub flicker_percent: f64,
 }

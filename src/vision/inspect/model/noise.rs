@@ -1,31 +1,33 @@
-//! The clip's own noise (the difference of a film's pixel from picture to picture), and the sensor's noise as a
-//! function of brightness.
+//! The noise of the clip (the difference of a pixel of the film from picture to picture), and the noise of the sensor
+//! as a function of brightness.
 //!
 //! The difference of two pictures has √2 times the standard deviation σ of one picture. Moving water makes some of the
 //! differences larger, so only the lower third of their distribution is evaluated. In a normal distribution 30 % of the
 //! absolute differences are below 0.385 √2 σ.
 //!
-//! The sensor's noise is measured at places without moving water. Its variance increases with the light: σ² = a + b s
-//! (EMVA 1288). Differences of two pictures have twice this variance. Places at which the light changed between the two
-//! pictures have far larger differences and do not count.
+//! The noise of the sensor is measured at points without moving water. Its variance increases with the light: σ² = a +
+//! b s (EMVA 1288). Differences of two pictures have twice this variance. Points at which the light changed between the
+//! two pictures have far larger differences and are excluded.
 
 use super::kernel::{Block, INSIDE_FLAG, LEVEL, LOOK_MASK, NO_DRY_FLAG, OVEREXPOSED_FLAG};
 
-/// The quantile of the absolute differences that is evaluated; the second constant is its value in multiples of √2 σ.
+/// Quantile of the absolute differences that is evaluated; `QUANTILE_VALUE` is its theoretical value, as a multiple of
+/// √2 σ.
 const QUANTILE: f64 = 0.3;
 const QUANTILE_VALUE: f64 = 0.385;
-/// Differences are counted in classes of 1/16 level; the second constant is the number of classes.
+/// Number of histogram bins per grey level, for the histogram of the differences; `CLASS_COUNT` is the total number of
+/// bins.
 const CLASSES_PER_LEVEL: u16 = LEVEL / 16;
 const CLASS_COUNT: usize = 512;
-/// Lower limit of the noise, levels: rounding to whole levels alone causes this noise. The second constant is the noise
-/// that is assumed before the first measurement.
+/// Lower limit of the noise, grey levels: rounding to whole levels alone causes this noise. `ASSUMED_NOISE_LEVELS` is
+/// the noise that is assumed before the first measurement.
 const MIN_NOISE_LEVELS: f64 = 0.35;
 const ASSUMED_NOISE_LEVELS: f64 = 1.5;
-/// Interval of the rows that are evaluated. The second constant is the smallest sufficient number of differences.
+/// Interval between the evaluated rows. `MIN_DIFFERENCES` is the minimum number of differences for a result.
 pub(super) const ROW_STRIDE: usize = 4;
 const MIN_DIFFERENCES: u64 = 200;
 
-/// The histogram of the differences so far.
+/// Histogram of the differences between successive pictures.
 #[derive(Debug, Clone)]
 pub struct Noise {
     classes: Vec<u64>,
@@ -51,7 +53,7 @@ impl Noise {
         }
     }
 
-    /// Returns σ in grey levels.
+    /// Returns the noise σ, grey levels.
     pub fn levels(&self) -> f64 {
         let all: u64 = self.classes.iter().sum();
         if all < MIN_DIFFERENCES {
@@ -72,25 +74,25 @@ impl Noise {
     }
 }
 
-/// Upper limit of the differences that count, levels: in a mean of many pixels a larger difference is not noise.
+/// Maximum difference that is evaluated, grey levels: in a mean of many pixels a larger difference is not noise.
 const MAX_DIFFERENCE_LEVELS: f64 = 3.0;
-/// Brightness is counted in classes of this width, levels; a class with too few differences gives no result.
+/// Bin width of the brightness histogram, grey levels; a bin with too few samples gives no result.
 const CLASS_WIDTH_LEVELS: f64 = 16.0;
 const SENSOR_CLASS_COUNT: usize = 16;
 const MIN_CLASS_DIFFERENCES: f64 = 100.0;
 
-/// The smallest variance: rounding leaves a variance of 1/12 in each of 4 × 4 pixels and three channels.
+/// Minimum variance, levels²: rounding causes a variance of 1/12 in each of 4 × 4 pixels and three channels.
 const MIN_VARIANCE: f64 = 1.0 / 12.0 / 48.0;
 
-/// The statistics of the differences so far: for each class the number, and the sums of the squares and of the
-/// brightness.
+/// Statistics of the differences so far: for each brightness bin the number of differences, and the sums of their
+/// squares and of the brightness.
 #[derive(Debug, Clone, Default)]
 pub struct SensorNoise {
     classes: [[f64; 3]; SENSOR_CLASS_COUNT],
 }
 
 impl SensorNoise {
-    /// Adds the brightness of a place in two pictures, both in the same light.
+    /// Adds the brightness of a sample point in two pictures, both in the same light.
     pub fn add(&mut self, before: f64, now: f64) {
         let difference = now - before;
         if difference.abs() < MAX_DIFFERENCE_LEVELS {
@@ -116,13 +118,12 @@ impl SensorNoise {
             |value: &dyn Fn(&(f64, f64, f64)) -> f64| known.iter().map(|it| it.0 * value(it)).sum::<f64>() / weight;
         let (level, variance) = (mean(&|it| it.1), mean(&|it| it.2));
         let (spread, shared) = (mean(&|it| (it.1 - level).powi(2)), mean(&|it| (it.1 - level) * (it.2 - variance)));
-        // Noise does not decrease with more light, and is never less than the rounding error of the mean of 48
-        // numbers.
+        // Noise does not decrease with more light, and is at least the rounding error of the mean of 48 numbers.
         let slope = if spread > 1.0 { (shared / spread).max(0.0) } else { 0.0 };
         let at = |levels: f64| (variance + slope * (levels - level)).max(MIN_VARIANCE);
         // Outside of the observed range the slope is uncertain. With a and b ≥ 0 the variance is at least proportional
-        // to s below that range, and at most proportional to s above it. The larger value is used, so that noise never
-        // counts as water.
+        // to s below this range, and at most proportional to s above it. The larger value is used, so that noise is
+        // never treated as water.
         let nearest =
             known.iter().map(|it| it.1).min_by(|a, b| (a - levels).abs().total_cmp(&(b - levels).abs()))?;
         let seen = known.iter().fold([f64::INFINITY, 0.0], |[low, high], it| [it.1.min(low), it.1.max(high)]);
@@ -136,9 +137,9 @@ mod tests {
     use super::super::kernel::BLOCK_PX;
     use super::*;
 
-    /// Sums of twelve uniform random numbers are nearly normal: for σ = 2 levels, 2 are found. If a quarter of the
-    /// pixels changes by 20 levels, 30 % of all pixels are 40 % of the others, which lie below 0.524 √2 σ. By hand, 2 ·
-    /// 0.524/0.385 = 2.72 are found.
+    /// Sums of twelve uniform random numbers are nearly normal: for σ = 2 levels, 2 are measured. If 25 % of the pixels
+    /// change by 20 levels, 30 % of all pixels are 40 % of the other pixels, which lie below 0.524 √2 σ. The expected
+    /// result, calculated by hand, is 2 · 0.524/0.385 = 2.72.
     #[test]
     fn noise_is_measured_beside_moving_water() {
         for moving in [0, 4] {
@@ -174,9 +175,10 @@ mod tests {
         assert_eq!(Noise::new().levels(), ASSUMED_NOISE_LEVELS);
     }
 
-    /// By hand: differences of ±1 at 40 levels are a variance of 1/2, and ±2 at 100 levels a variance of 2. Between
-    /// them, at 70, the variance is 1.25. At 10 levels the line would give −0.25, so the result is a quarter of the
-    /// variance at 40. At 200 the line gives 4.5, which is more than twice the variance at 100.
+    /// Expected values, calculated by hand: differences of ±1 at 40 levels are a variance of 1/2, and ±2 at 100 levels
+    /// a variance of 2. Between them, at 70 levels, the variance is 1.25. At 10 levels the line would give −0.25, so
+    /// the result is a quarter of the variance at 40 levels. At 200 levels the line gives 4.5, which is more than twice
+    /// the variance at 100 levels.
     #[test]
     fn noise_increases_with_the_light() {
         let mut noise = SensorNoise::default();

@@ -1,44 +1,45 @@
-//! Detects whether water moves on a place that has no dry look of its own.
+//! Detects moving water at places without a dry reference, from their temporal noise.
 //!
-//! A film is never completely still: it runs off, carries waves and becomes thinner. Let s be the look of a place and w
-//! its wet look. Let x₁, x₂, x₃ be the means of s/w over a square of 4 × 4 px in three consecutive spans of a second,
-//! with n₁, n₂, n₃ pictures. Let σ be the sensor's noise in such a square, measured beside the panel, where no water
-//! moves ([`super::noise`]). Then
+//! A film is never completely static: it runs off, carries waves and becomes thinner. Let s be the present brightness
+//! of a pixel and w the brightness of its film. A sample point is a square of 4 × 4 px. Let x₁, x₂, x₃ be the means of
+//! s/w over a sample point in three consecutive spans of one second, with n₁, n₂, n₃ pictures. Let σ be the noise of
+//! the sensor in a sample point, measured beside the panel, where no water moves ([`super::noise`]). Then
 //!     z = (x₁ − 2 x₂ + x₃) / ((σ/w) √(1/n₁ + 4/n₂ + 1/n₃)).                                                     (1)
-//! Over places that are still, z has the variance 1. The part that neighbours have in common comes from the light and
-//! is removed; the second differences cancel the change of a place that dries steadily. A shadow or a glint that passes
-//! a still place affects a few second differences, a film affects most of them.
+//! Over static sample points, z has the variance 1. The part that neighbouring sample points have in common comes from
+//! the light and is subtracted. The second differences cancel the change of a place that dries steadily. A shadow or a
+//! glint that passes a static place affects few second differences, a film affects most of them.
 
 use super::kernel::{BLOCK_PX, Block, INSIDE_FLAG, LOOK_MASK, NO_DRY_FLAG, OVEREXPOSED_FLAG};
 use super::lamp::LampObserver;
 use rayon::prelude::*;
 
-/// A site is a square with this side, px: water moves on a scale of millimetres, and the mean of a square has less
-/// noise.
+/// Side of the square of a sample point, px: water moves on a scale of millimetres, and the mean of a square has less
+/// noise than a pixel.
 const SITE_SIDE_PX: usize = LampObserver::SIDE_PX;
-/// The number of spans. A span begins with a picture and contains the pictures of the following `SPAN_S`, s: a second
-/// minus the rounding of timestamps. With less than one picture a second, each picture is a span.
+/// Number of spans. A span begins with a picture and contains the pictures of the following `SPAN_S`, s: one second
+/// minus the rounding of timestamps. With less than one picture per second, each picture is a span.
 const SPAN_COUNT: usize = 24;
 const SPAN_S: f64 = 0.99;
-/// The mean of a span counts only if at least this fraction of the site's pixels and pictures was seen.
+/// Minimum fraction of the pixels and pictures of a sample point that must be seen in a span, for its mean to be used.
 const MIN_SPAN_SHARE: f32 = 0.9;
-/// The number of second differences of the spans.
+/// Number of second differences between the spans.
 pub const DIFFERENCE_COUNT: usize = SPAN_COUNT - 2;
-/// The sums of each place that is evaluated, on a lattice of sites.
+/// The temporal noise at the sample points of a lattice.
 #[derive(Debug, Clone)]
 pub struct Shimmer {
     columns: usize,
-    /// The number of the present span, the time when it began, and the number of pictures in each span.
+    /// Index of the present span, time at which it began, and number of pictures in each span.
     span: usize,
     began_s: f64,
     pictures: [u32; SPAN_COUNT],
-    /// For each site, the sum of s/w over its pixels and the pictures, and the number of summands.
+    /// For each sample point, the sum of s/w over its pixels and the pictures of the present span, and the number of
+    /// summands.
     sums: Vec<[f32; 2]>,
-    /// The means of s/w in the finished spans; NaN if too little was seen.
+    /// For each sample point, the means of s/w in the finished spans; NaN if too little was seen.
     means: Vec<[f32; SPAN_COUNT]>,
 }
 
-/// The data of one picture.
+/// The brightness and the states of all blocks in one picture.
 pub struct ShimmerInput<'a> {
     pub current: &'a [Block],
     pub wet: &'a [Block],
@@ -47,7 +48,7 @@ pub struct ShimmerInput<'a> {
 }
 
 impl Shimmer {
-    /// A site's side, px.
+    /// Side of the square of a sample point, px.
     pub const SIDE_PX: usize = SITE_SIDE_PX;
 
     /// Creates the lattice for this number of blocks, of which `columns` are in a row.
@@ -109,22 +110,22 @@ impl Shimmer {
         self.span = SPAN_COUNT;
     }
 
-    /// Returns the number of sites in a row of the lattice.
+    /// Returns the number of sample points in a row of the lattice.
     pub fn columns(&self) -> usize {
         self.columns * BLOCK_PX / SITE_SIDE_PX
     }
 
-    /// Returns the number of sites.
+    /// Returns the number of sample points.
     pub fn len(&self) -> usize {
         self.sums.len()
     }
 
-    /// Returns the row and the column of a site in the window, px.
+    /// Returns the row and the column of a sample point in the window, px.
     pub fn site_position(&self, at: usize) -> (usize, usize) {
         (at / self.columns() * SITE_SIDE_PX, at % self.columns() * SITE_SIDE_PX)
     }
 
-    /// Returns the sites around a pixel of the window.
+    /// Returns the sample points around a pixel of the window.
     pub fn nearby_sites(&self, row: usize, column: usize) -> impl Iterator<Item = usize> + '_ {
         let (row, column) = (row / SITE_SIDE_PX, column / SITE_SIDE_PX);
         let columns = column.saturating_sub(1)..(column + 2).min(self.columns());
@@ -132,8 +133,8 @@ impl Shimmer {
             .flat_map(move |row| columns.clone().map(move |column| row * self.columns() + column))
     }
 
-    /// Returns z of a site for each second difference; `noise` is σ/w of a site in one picture. NaN if too little was
-    /// seen.
+    /// Returns z of a sample point for each second difference; `noise` is σ/w of the sample point in one picture. NaN
+    /// if too little was seen.
     pub fn difference_statistics(&self, site: usize, noise: f64) -> [f32; DIFFERENCE_COUNT] {
         let x = &self.means[site];
         std::array::from_fn(|k| {
@@ -143,7 +144,7 @@ impl Shimmer {
     }
 }
 
-/// Adds each pixel of a block's row to the sums of its site.
+/// Adds each pixel in a row of a block to the sums of its sample point.
 fn add_row(look: &Block, wet: &Block, state: &Block, sums: &mut [[f32; 2]]) {
     let mut shares = [[0.0_f32; 2]; BLOCK_PX];
     for i in 0..BLOCK_PX {
@@ -164,9 +165,9 @@ mod tests {
     use super::super::kernel::LEVEL;
     use super::*;
 
-    /// By hand: a place of 60 levels that rises by 0.1 in each span of 1 s does not shimmer. A place that is 1 level
-    /// brighter in every second span has second differences of 2 levels. With a noise of 1 level and 10 pictures a
-    /// span, z is 2 / √((1 + 4 + 1)/10) = 2.58.
+    /// Expected values, calculated by hand: a place of 60 levels that becomes 0.1 levels brighter in each span of 1 s
+    /// has no temporal noise. A place that is 1 level brighter in every second span has second differences of 2 levels.
+    /// With a noise of 1 level and 10 pictures per span, z is 2 / √((1 + 4 + 1)/10) = 2.58.
     #[test]
     fn a_film_shimmers_and_a_drying_place_does_not() {
         const ROWS: usize = 32;

@@ -1,14 +1,14 @@
-//! Tests of the model alone, on 64 × 64 px: dry 100 levels, wet 60.
+//! Tests of the film model alone, on 64 × 64 px: dry 100 levels, wet 60 levels.
 //!
-//! Calculated by hand: a break returns to at least 80 levels (`damp` 0.8), the gap to the film is 20 levels, and the
-//! noise is that of rounding, 0.35 levels. A place looks bare from 77.9 levels, which is 80 less six times the noise,
-//! up to 9/8 of 100 and the rounding.
+//! Expected values, calculated by hand: a break returns to at least 80 levels (`damp` 0.8), the gap to the film is 20
+//! levels, and the noise is that of rounding, 0.35 levels. A pixel is bare from 77.9 levels, which is 80 minus six
+//! times the noise, up to 9/8 of 100 and the rounding.
 
 use super::*;
 
 const SIDE: usize = 64;
 const TERMS: FilmParameters = FilmParameters { channel_weights: [1.0; 3], persist_s: 0.6, damp: 0.8 };
-/// A place of 100 px.
+/// Columns and rows of a place of 100 px.
 const PLACE: [std::ops::Range<usize>; 2] = [30..40, 30..40];
 
 fn picture(level: impl Fn(usize, usize) -> u8) -> ColorPicture {
@@ -16,7 +16,7 @@ fn picture(level: impl Fn(usize, usize) -> u8) -> ColorPicture {
     ColorPicture { width: SIDE, height: SIDE, rgb }
 }
 
-/// Returns a picture of the film at 60 levels, in which the place has this level.
+/// Returns a picture of the film at 60 levels, with this level at `PLACE`.
 fn film(place: u8) -> ColorPicture {
     picture(|column, row| if PLACE[0].contains(&column) && PLACE[1].contains(&row) { place } else { 60 })
 }
@@ -28,7 +28,7 @@ fn model(sanded: &[bool], terms: FilmParameters) -> Model {
     model
 }
 
-/// Shows pictures at these times, and returns the number of pixels that broke.
+/// Judges pictures with these times and levels, and returns the number of pixels that broke.
 fn show(model: &mut Model, times_s: impl Iterator<Item = f64>, level: impl Fn(f64) -> u8) -> usize {
     let one = |time_s: f64| {
         let picture = film(level(time_s));
@@ -38,8 +38,8 @@ fn show(model: &mut Model, times_s: impl Iterator<Item = f64>, level: impl Fn(f6
     times_s.map(one).sum()
 }
 
-/// Returns whether the place broke and whether it was seen, after 2 s of film and 2 s at this level, with five
-/// pictures a second.
+/// Returns whether the place broke and whether it was seen, after 2 s of film and 2 s at this level, at five pictures
+/// per second.
 fn after_film(model: &mut Model, level: u8) -> (bool, bool) {
     let times_s = (0..20).map(|picture| 0.2 * f64::from(picture));
     let broke = show(model, times_s, |time_s| if time_s < 2.0 { 60 } else { level });
@@ -54,14 +54,15 @@ fn bare_film_and_neither_by_hand() {
         assert_eq!(found(level), (true, true), "{level}");
     }
     assert_eq!(found(61), (false, true), "film");
-    // A steady look that is neither film nor bare, reached within a moment: the state of the place is unknown.
+    // A steady brightness that is neither film nor bare, reached within a moment: the state of the place is unknown.
     for level in [40, 76, 120] {
         assert_eq!(found(level), (false, false), "{level}");
     }
 }
 
-/// By hand: 74 levels are beyond the middle of the gap, 80 − 20/2 = 70, and below 77.9, the level from which a place is
-/// bare. A place whose look drifts there within 1.5 s does not pass if it keeps this look for more than 3 s.
+/// Expected values, calculated by hand: 74 levels are beyond the middle of the gap, 80 − 20/2 = 70, and below 77.9, the
+/// minimum of a bare pixel. A place whose brightness drifts there within 1.5 s does not pass if it stays there for more
+/// than 3 s.
 #[test]
 fn a_place_that_stays_between_film_and_bare_is_not_seen() {
     let seen = |stays_s: f64| {
@@ -77,8 +78,8 @@ fn a_place_that_stays_between_film_and_bare_is_not_seen() {
     assert!(seen(2.0) && !seen(5.0));
 }
 
-/// By hand: 74 levels are between film and bare, and `persist_s` is 0.6 s. A place that has this look in the last 2 s,
-/// or in the last four pictures, does not pass; a place that has it in the last two pictures, for 0.4 s, does.
+/// 74 levels are between film and bare, and `persist_s` is 0.6 s. A place with this brightness in the last 2 s, or in
+/// the last four pictures, does not pass. A place with this brightness in the last two pictures, for 0.4 s, passes.
 #[test]
 fn a_place_that_ends_between_film_and_bare_is_not_seen() {
     let seen = |pictures: u32| {
@@ -91,9 +92,9 @@ fn a_place_that_ends_between_film_and_bare_is_not_seen() {
     assert_eq!([2, 4, 10].map(seen), [true, false, false]);
 }
 
-/// By hand, for a film at 60 of 100 levels: half of the change by a break is (80/60 − 1)/2 = 1/6 of the look. This is
-/// 10 levels, up or down. A bare place cannot be brighter than (1/0.6)^1.3 · 9/8 = 2.186 times its film, which is 131
-/// levels.
+/// Expected values, calculated by hand for a film at 60 of 100 levels: half of the change by a break is (80/60 − 1)/2 =
+/// 1/6 of the film brightness, 10 levels up or down. A bare place is at most (1/0.6)^1.3 · 9/8 = 2.186 times as bright
+/// as its film, which is 131 levels.
 #[test]
 fn a_sanded_place_is_compared_only_with_its_wet_look() {
     let sanded: Vec<bool> = (0..SIDE * SIDE).map(|index| index / SIDE >= 20).collect();
@@ -102,14 +103,15 @@ fn a_sanded_place_is_compared_only_with_its_wet_look() {
     {
         assert_eq!(after_film(&mut model(&sanded, TERMS), level).0, is_open, "{level}");
     }
-    // The earlier dry look does not count: a sanded place whose film has exactly this look is film.
+    // The dry reference from before the sanding is not used: a sanded place whose film has exactly this brightness is
+    // film.
     let mut dark = model(&sanded, TERMS);
     let times_s = (0..20).map(|picture| 0.2 * f64::from(picture));
     assert_eq!((show(&mut dark, times_s, |_| 100), dark.ever_wet(35 * SIDE + 35)), (0, true));
 }
 
-/// A break lasts from 4 s to 8 s of a film, with 1 to 30 pictures a second, at equal or unequal intervals. The break is
-/// found, and begins within one picture of 4 s.
+/// A break lasts from 4 s to 8 s of a film, with 1 to 30 pictures per second, at equal or unequal intervals. The break
+/// is detected, and its start time is within one picture of 4 s.
 #[test]
 fn times_are_those_of_the_time_stamps() {
     for rate in [1.0, 2.0, 5.0, 12.0, 30.0] {
@@ -136,7 +138,7 @@ fn times_are_those_of_the_time_stamps() {
     }
 }
 
-/// A place that looks bare for less than `persist_s` did not break, even if many pictures show it.
+/// A place that appears bare for less than `persist_s` did not break, even if many pictures show it.
 #[test]
 fn a_flash_is_no_break() {
     for rate in [5.0, 30.0] {
@@ -146,8 +148,8 @@ fn a_flash_is_no_break() {
     }
 }
 
-/// While water is sprayed, a place is wet if its brightness is outside the range of the bare place by more than a tenth
-/// of its dry brightness. Calculated by hand: below 70 or above 120 levels.
+/// While water is sprayed, a pixel is wet if its brightness is outside of the bare range by more than 10 % of its dry
+/// brightness. Expected values, calculated by hand: below 70 or above 120 levels.
 #[test]
 fn wet_places_under_the_spray_are_found() {
     for (level, is_wet) in [(69, true), (71, false), (119, false), (121, true)] {
@@ -157,7 +159,7 @@ fn wet_places_under_the_spray_are_found() {
     }
 }
 
-/// By hand: a dry place below 4 levels shows no film, and from 250 levels upward it may be overexposed.
+/// Expected result: a dry pixel below 4 levels shows no film, and a pixel of 250 levels and more may be overexposed.
 #[test]
 fn a_black_or_overexposed_dry_place_is_not_seen() {
     let window = Window { left: 0, top: 0, width: SIDE, height: SIDE };
@@ -179,10 +181,10 @@ fn a_place_that_is_hidden_for_long_is_not_seen() {
     assert!(seen(9.2, 12.0) && !seen(8.4, 12.0), "at the end");
 }
 
-/// A red primer of (100, 35, 35), which the film changes to (58, 13, 13); by hand, 57 and 28 in the mean of the
-/// channels. A place that mirrors 25 levels of white has (83, 38, 38) and a mean of 53: nearly as bright as dry, but of
-/// another colour. Such a place does not break and counts as not seen. A place that is dry again breaks, also under a
-/// lamp with a gain of 0.9.
+/// A red primer of (100, 35, 35), which the film changes to (58, 13, 13). Expected values, calculated by hand: the
+/// means of the channels are 57 and 28. A place that reflects 25 levels of white has (83, 38, 38) and a mean of 53:
+/// nearly as bright as dry, but of another colour. This place does not break and is treated as not seen. A place that
+/// is dry again breaks, also under a lamp with a gain of 0.9.
 #[test]
 fn a_white_reflection_on_a_coloured_panel_is_no_break() {
     let broke = |place: [u8; 3], lamp: f64| {

@@ -1,6 +1,6 @@
 //! Tests of the whole inspection on a plane panel; a pixel shows 2 × 2 mm.
 //!
-//! The tests are those of the thesis's method, and those that apply to both methods.
+//! This file contains the tests of the thesis's method, and the tests that apply to both methods.
 
 mod model;
 
@@ -17,7 +17,7 @@ const WIDTH: usize = 160;
 const HEIGHT: usize = 120;
 const WET: [u8; 3] = [60, 55, 50];
 const DRY: [u8; 3] = [110, 105, 100];
-/// Twelve pixels of 4 mm², which are reliably found, and a small margin.
+/// Area of twelve pixels of 4 mm², which are reliably detected, with a small margin.
 const MIN_BREAK_MM2: f64 = 50.0;
 
 const CAMERA: PinholeCamera = PinholeCamera {
@@ -81,7 +81,7 @@ fn moved([x_mm, y_mm, z_mm]: [f64; 3]) -> Rigid<Camera, Panel> {
     Rigid::from_isometry_unchecked(Translation3::new(x_mm, y_mm, z_mm).into())
 }
 
-/// The settings of the thesis's method with a median of 3 × 3 px, with which a block loses only its corners.
+/// Settings of the thesis's method with a median of 3 × 3 px, which removes only the corners of a block.
 const SHARP: &str = "method = \"thesis\"\nmedian_px = 3\nmedian_passes = 1\npersist_frames = 2";
 
 /// The default method.
@@ -106,7 +106,7 @@ fn watch(x_mm: f64, settings: &str) -> FilmWatch {
     FilmWatch::new(&view(&taught(&recipe), shifted(x_mm)), recipe.inspect(), demands()).expect("in view")
 }
 
-/// Returns a picture of a wet panel with dry blocks, each from left, top to right, bottom (exclusive).
+/// Returns a picture of a wet panel with dry blocks, each given by left, top, right and bottom (exclusive).
 fn picture(blocks: &[[usize; 4]]) -> ColorPicture {
     let mut picture = ColorPicture::uniform(WIDTH, HEIGHT, WET);
     for &[left, top, right, bottom] in blocks {
@@ -117,8 +117,8 @@ fn picture(blocks: &[[usize; 4]]) -> ColorPicture {
     picture
 }
 
-/// Returns the picture with the noise of one exposure, one level: the pictures of a frozen camera do not have this
-/// noise.
+/// Returns the picture with the noise of one exposure, ±1 level: without this noise the camera would be treated as
+/// frozen.
 fn exposed(mut picture: ColorPicture, exposure: usize) -> ColorPicture {
     for (index, pixel) in picture.rgb.iter_mut().enumerate() {
         *pixel = pixel.map(|gray| gray + ((index * 7 + exposure * 13 + index / 160 * exposure) % 2) as u8);
@@ -126,7 +126,8 @@ fn exposed(mut picture: ColorPicture, exposure: usize) -> ColorPicture {
     picture
 }
 
-/// Inspects a dry picture, and six wet ones a second apart; the blocks that `dry_at` returns are dry in that picture.
+/// Inspects a dry picture and six wet ones, one second apart; the blocks that `dry_at` returns for a picture are dry in
+/// it.
 fn run(mut watch: FilmWatch, dry_at: impl Fn(usize) -> Vec<[usize; 4]>) -> Inspection {
     watch.push(&ColorPicture::uniform(WIDTH, HEIGHT, DRY), 1.0, Phase::Dry).expect("first");
     watched(watch, dry_at)
@@ -144,8 +145,8 @@ fn codes(inspection: &Inspection) -> Vec<&str> {
     inspection.judgement.reasons.iter().map(|reason| &*reason.code).collect()
 }
 
-/// By hand: a block of 20 × 15 px without its corners has 296 px of 4 mm²; it lies in grid r1c2, which begins at column
-/// 60, and is dry from 2 s on.
+/// Expected values, calculated by hand: a block of 20 × 15 px without its corners has 296 px of 4 mm². The block lies
+/// in grid r1c2, which begins at column 60, and is dry from 2 s on.
 #[test]
 fn a_break_has_its_area_time_and_grid() {
     let inspection = run(watch(0.0, SHARP), |second| if second < 2 { vec![] } else { vec![[70, 30, 90, 45]] });
@@ -163,7 +164,8 @@ fn a_break_has_its_area_time_and_grid() {
     assert!(inspection.judgement.reasons[0].message.contains("r1c2 (1184.0 mm² from 2.0 s)"));
 }
 
-/// By hand: the region has 120 × 80 px of 4 mm² in six grids; 40 mm are 20 px, and the edge begins at 19.5 px.
+/// Expected values, calculated by hand: the region has 120 × 80 px of 4 mm² in six grids; 40 mm are 20 px, and the edge
+/// begins at 19.5 px.
 #[test]
 fn the_grids_move_with_a_displaced_panel() {
     let inspection = run(watch(40.0, SHARP), |second| if second < 3 { vec![] } else { vec![[90, 30, 110, 45]] });
@@ -177,9 +179,9 @@ fn the_grids_move_with_a_displaced_panel() {
     assert_eq!(inspection.footprint.region().count(), 120 * 80);
 }
 
-/// By hand: at 640 mm instead of 800 mm the region is 1.25 times as large, 150 × 100 px, and a pixel shows 1.6 × 1.6
-/// mm. The taught pixels then leave gaps, which belong to the region. A break of 24 × 20 px without corners is 476·2.56
-/// mm².
+/// Expected values, calculated by hand: at 640 mm instead of 800 mm the region is 1.25 times as large, 150 × 100 px,
+/// and a pixel shows 1.6 × 1.6 mm. The projected pixels then leave gaps, which belong to the region. A break of 24 × 20
+/// px without corners has 476·2.56 mm².
 #[test]
 fn a_nearer_panel_keeps_its_areas() {
     let recipe = recipe(SHARP);
@@ -211,8 +213,8 @@ fn a_break_stays_broken_when_water_runs_over_it() {
     assert_eq!((inspection.judgement.verdict, inspection.breaks[0].first_seen_s), (Verdict::Fail, 1.0));
 }
 
-/// By hand: a median of 3 × 3 removes a block of 1 × 3 px of 4 mm², and also one of 2 × 2 px. Of a plus sign of 5 px it
-/// keeps only the middle: 4 mm², below 50 mm².
+/// Expected values, calculated by hand: a median of 3 × 3 removes a block of 1 × 3 px of 4 mm², and also a block of 2 ×
+/// 2 px. Of a plus sign of 5 px it keeps only the centre: 4 mm², below 50 mm².
 #[test]
 fn a_break_below_the_least_area_is_reported_and_passes() {
     let inspection =
@@ -296,7 +298,7 @@ fn an_incomplete_test_gives_no_result() {
     assert!((aside.footprint.grids()[2].seen_share - 0.25).abs() < 0.01, "10 of 40 columns are in the picture");
 }
 
-/// Pictures that are missing before the first one, here at 10 s, count as a gap like any others.
+/// Pictures that are missing before the first one, here at 10 s, are treated as a gap like others.
 #[test]
 fn a_film_that_begins_late_has_a_gap() {
     let begun = |begins_s: f64| {
@@ -312,7 +314,7 @@ fn a_film_that_begins_late_has_a_gap() {
 fn truth_makes_grids_fail_by_the_same_rule() {
     let inspection = run(watch(0.0, SHARP), |second| if second < 2 { vec![] } else { vec![[70, 30, 90, 45]] });
     let mut truth = Mask::all_outside(WIDTH, HEIGHT);
-    // By hand: 13 pixels of 4 mm² are 52 mm².
+    // Expected value, calculated by hand: 13 pixels of 4 mm² are 52 mm².
     truth.inside[70 * WIDTH + 30..70 * WIDTH + 43].fill(true);
     let confusion = inspection.compare_with_truth(&truth).expect("one size");
     assert_eq!(confusion, Confusion { true_fail: 0, false_fail: 1, false_pass: 1, true_pass: 4 });

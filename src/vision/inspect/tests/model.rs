@@ -2,8 +2,8 @@
 
 use super::*;
 
-/// By hand, with the default method: all 20 × 15 px of 4 mm² are found from 2 s on, in grid r1c2. The film keeps 55/105
-/// of the dry brightness, and the smallest break that is reliably found has 12 px.
+/// Expected values, calculated by hand for the default method: all 20 × 15 px of 4 mm² are detected from 2 s on, in
+/// grid r1c2. The film keeps 55/105 of the dry brightness, and the smallest reliably detected break has 12 px.
 #[test]
 fn the_model_finds_a_break_to_the_pixel() {
     let inspection = run(watch(0.0, FILM), |second| if second < 2 { vec![] } else { vec![[70, 30, 90, 45]] });
@@ -18,8 +18,8 @@ fn the_model_finds_a_break_to_the_pixel() {
     assert_eq!((observation.quality.usable, observation.quality.moved_px), (6, None), "a wall has no outline");
 }
 
-/// The film breaks at 1 s and closes after 3 s: a break that is recorded as closed. A place that looks bare in only
-/// one picture is not a break.
+/// The film breaks at 1 s and closes after 3 s: it is recorded as a closed break. A place that appears bare in only one
+/// picture is not a break.
 #[test]
 fn a_film_that_closes_again_has_broken() {
     let inspection = run(watch(0.0, FILM), |second| match second {
@@ -31,7 +31,7 @@ fn a_film_that_closes_again_has_broken() {
     assert_eq!((inspection.judgement.verdict, found.first_seen_s, found.closed_share), (Verdict::Fail, 1.0, 1.0));
 }
 
-/// A fifth more or less light everywhere is compensated; a change by half, up or down, cannot be compensated.
+/// A change of the light by 20 % everywhere, up or down, is compensated; a change by 50 % cannot be compensated.
 #[test]
 fn a_change_of_light_is_compensated_within_its_limit() {
     let lit = |share: f64| {
@@ -41,7 +41,8 @@ fn a_change_of_light_is_compensated_within_its_limit() {
             let mut picture = picture(&[[70, 30, 90, 45]]);
             let gain = if second == 0 { 1.0 } else { share };
             picture.rgb.as_flattened_mut().iter_mut().for_each(|gray| *gray = (f64::from(*gray) * gain) as u8);
-            // The noise is added last: scaled with the picture, it would vanish, and the camera would seem frozen.
+            // The noise is added last: scaled with the picture, it would vanish, and the camera would be treated as
+            // frozen.
             watch.push(&exposed(picture, second), 10.0 + second as f64, Phase::Wet).expect("in order");
         }
         watch.finish().expect("wet pictures")
@@ -52,12 +53,12 @@ fn a_change_of_light_is_compensated_within_its_limit() {
         assert!(inspection.mask().count().abs_diff(300) <= 8, "{share}: rounding at the corners");
     }
     assert_eq!(codes(&lit(0.5))[0], "light");
-    // With this additional light, an unbroken film looks like one that broke everywhere.
+    // With this additional light, an unbroken film looks like a film that broke everywhere.
     assert_ne!(lit(1.5).judgement.verdict, Verdict::Pass);
 }
 
-/// A film that disappears from the whole panel at once looks like more light: by hand, 100/70 = 1.43 times as bright.
-/// The verdict must not be pass.
+/// A film that disappears from the whole panel at once looks like an increase of the light. Expected value, calculated
+/// by hand: 100/70 = 1.43 times as bright. The verdict must not be pass.
 #[test]
 fn a_film_that_breaks_everywhere_at_once_does_not_pass() {
     let shown = |level: u8| {
@@ -74,8 +75,8 @@ fn a_film_that_breaks_everywhere_at_once_does_not_pass() {
     assert_eq!(shown(72), Verdict::Pass);
 }
 
-/// By hand: a disc of 25 mm has an area of 490.9 mm², 122 px of 4 mm², and a radius of 6.2 px. With a smaller disc
-/// fewer places would be too narrow for a disc.
+/// Expected values, calculated by hand: a disc of 25 mm has an area of 490.9 mm², 122 px of 4 mm², and a radius of 6.2
+/// px. With a smaller disc fewer areas would be too narrow for it.
 #[test]
 fn the_smallest_disc_is_25_mm_wide() {
     assert_eq!(watch(0.0, FILM).smallest_disc_px(), 6);
@@ -95,7 +96,7 @@ fn a_frozen_camera_or_no_dry_picture_gives_no_test() {
     }
 }
 
-/// By hand: columns 20 to 50 of 120 are a quarter of the region.
+/// Expected value, calculated by hand: columns 20 to 50 of 120 are a quarter of the region.
 #[test]
 fn a_test_of_a_hardly_wet_region_is_invalid() {
     let inspection = run(watch(0.0, FILM), |_| vec![[20, 20, 50, 100]]);
@@ -105,8 +106,8 @@ fn a_test_of_a_hardly_wet_region_is_invalid() {
     assert_eq!((less.judgement.verdict, less.grids[0].time_to_break_s), (Verdict::Fail, Some(0.0)));
 }
 
-/// Under the spray the place is wet in one picture, and it is dry again before the film is observed. This is a
-/// break at 0 s, and not a place that never becomes wet.
+/// Under the spray the place is wet in one picture, and it is dry again before the film is observed. This is a break at
+/// 0 s, and not a place that never becomes wet.
 #[test]
 fn a_place_that_dries_under_the_spray_is_a_break_at_0_s() {
     let mut watch = watch(0.0, FILM);
@@ -119,7 +120,7 @@ fn a_place_that_dries_under_the_spray_is_a_break_at_0_s() {
     assert!(first_column.map(|grid| grid.time_to_break_s).eq([Some(0.0); 2]));
 }
 
-/// By hand: the mask covers columns 20 to 40, half of the first grids, which are 40 px wide.
+/// Expected value, calculated by hand: the mask covers columns 20 to 40, half of the first grids, which are 40 px wide.
 #[test]
 fn a_masked_grid_does_not_pass_and_hides_no_other_break() {
     let masked = format!("{FILM}\nmasked_px = [[[10, 10], [39.5, 10], [39.5, 110], [10, 110]]]");
@@ -132,9 +133,8 @@ fn a_masked_grid_does_not_pass_and_hides_no_other_break() {
     assert_eq!(broken.mask().count(), 50 * 15, "nothing is looked at behind the mask");
 }
 
-/// By hand: 10 × 10 px of the region have 60 levels in the dry picture, as if wet. In the wet pictures they are equally
-/// bright: they neither break nor pass. If the same place has its full brightness in the dry picture and never becomes
-/// wet, it is a break.
+/// 10 × 10 px of the region have 60 levels in the dry picture, as if wet, and also in the wet pictures: they neither
+/// break nor pass. If the same place has its full brightness in the dry picture and never becomes wet, it is a break.
 #[test]
 fn a_place_that_was_wet_in_the_dry_picture_neither_fails_nor_passes() {
     let block = [100, 30, 110, 40];
@@ -155,9 +155,9 @@ fn a_place_that_was_wet_in_the_dry_picture_neither_fails_nor_passes() {
     assert_eq!((never.judgement.verdict, codes(&never)), (Verdict::Fail, vec!["broken"]));
 }
 
-/// By hand: 4 × 4 px of 4 mm² that reflect a lamp in all wet pictures are more than the 50 mm² from which a grid fails.
-/// If they do so in four of six pictures, they are hidden for more than half of the time; in two pictures they are a
-/// glint.
+/// Expected values, calculated by hand: 4 × 4 px of 4 mm² that reflect a lamp in all wet pictures are more than the 50
+/// mm² from which a grid fails. If they reflect it in four of six pictures, they are hidden for more than half of the
+/// time; in two pictures the reflection is a glint.
 #[test]
 fn a_reflection_that_does_not_move_hides_its_grid() {
     let with_reflection = |pictures| inspect_reflection([30, 50, 34, 54], pictures, &[]);
@@ -170,9 +170,9 @@ fn a_reflection_that_does_not_move_hides_its_grid() {
     );
 }
 
-/// By hand: 20 × 15 px break, and the film's rim beside them mirrors a lamp for the same time. All 300 px are the
-/// break, including those within two cells of the rim. The same rim without a break beside it causes no break, but its
-/// place counts as not seen.
+/// 20 × 15 px break, and the rim of the film beside them reflects a lamp for the same time. All 300 px are the break,
+/// including the pixels within two cells of the rim. The same rim without a break beside it causes no break, but is
+/// treated as not seen.
 #[test]
 fn a_bright_rim_beside_a_break_hides_none_of_it() {
     let broke = inspect_reflection([90, 30, 93, 45], 6, &[[70, 30, 90, 45]]);
@@ -182,9 +182,9 @@ fn a_bright_rim_beside_a_break_hides_none_of_it() {
     assert_eq!((codes(&clean), clean.mask().count()), (vec!["not_seen"], 0));
 }
 
-/// By hand: a reflection covers 64 px, 256 mm² and 4 % of a grid, of which 100 px broke: the grid failed, whatever is
-/// hidden. Of 10 px that are hidden and 12 px that broke, 40 and 48 mm², neither alone would make a grid fail, but both
-/// together do.
+/// Expected values, calculated by hand: a reflection covers 64 px, 256 mm² and 4 % of a grid, of which 100 px broke:
+/// the grid failed, whatever is hidden. Of 10 hidden and 12 broken px, 40 and 48 mm², neither alone would make a grid
+/// fail, but both together do.
 #[test]
 fn a_failed_grid_stays_failed_and_hidden_places_count_with_broken_ones() {
     let failed = inspect_reflection([30, 48, 38, 56], 6, &[[44, 24, 54, 34]]);
@@ -225,7 +225,7 @@ fn inspect_reflection(
     watch.finish().expect("wet pictures")
 }
 
-/// A shadow removes a fifth of the light in the first fully wet picture: an unbroken film passes, and a break is found.
+/// A shadow removes 20 % of the light in the first fully wet picture: an unbroken film passes, and a break is detected.
 #[test]
 fn a_shadow_on_the_first_wet_picture_is_no_film() {
     let shaded = |blocks: &[[usize; 4]]| {
@@ -246,9 +246,9 @@ fn a_shadow_on_the_first_wet_picture_is_no_film() {
     assert_eq!((broken.judgement.verdict, broken.mask().count()), (Verdict::Fail, 300), "{:?}", broken.judgement);
 }
 
-/// A film that mirrors: on the left grids a dark object, 30 levels, on the next ones a diffuser, 150 levels; the dry
-/// panel has 105. A break has the dry brightness in both, exact to the pixel, while the lamp tints the pictures, red by
-/// +6 % and blue by −6 %. The surroundings of the region, here the wall, show the light.
+/// A film that reflects a dark object (30 levels) on the left grids and a diffuser (150 levels) on the next grids; the
+/// dry panel has 105 levels. A break has the dry brightness in both and is exact to the pixel, while the lamp tints the
+/// pictures, red by +6 % and blue by −6 %. The surroundings of the region, here the wall, show the light.
 #[test]
 fn a_film_that_mirrors_is_detected_by_either_sign_and_in_tinted_light() {
     let levels = [[30; 3], [150; 3], [30; 3]];
@@ -259,8 +259,8 @@ fn a_film_that_mirrors_is_detected_by_either_sign_and_in_tinted_light() {
     assert_eq!(inspect_mirroring_film(levels, &[]).judgement.verdict, Verdict::Pass);
 }
 
-/// On the right grids the film mirrors light that makes it 1 level brighter than the dry panel. A break would not
-/// be visible there, and these grids do not pass, whatever breaks elsewhere.
+/// On the right grids the film reflects light that makes it 1 level brighter than the dry panel. A break would not be
+/// visible there, and these grids do not pass, whatever breaks elsewhere.
 #[test]
 fn a_film_that_looks_dry_gives_no_result() {
     for blocks in [vec![], vec![[30, 30, 50, 45]]] {
@@ -276,8 +276,8 @@ fn a_film_that_looks_dry_gives_no_result() {
     }
 }
 
-/// Inspects a film with these levels on the region's left, middle and right grids; the blocks break after the first
-/// picture.
+/// Inspects a film with these levels on the left, middle and right grids of the region; the blocks break after the
+/// first picture.
 fn inspect_mirroring_film(levels: [[u8; 3]; 3], blocks: &[[usize; 4]]) -> Inspection {
     let tint = [1.06, 1.0, 0.94];
     let mut watch = watch(0.0, FILM);
@@ -301,8 +301,9 @@ fn inspect_mirroring_film(levels: [[u8; 3]; 3], blocks: &[[usize; 4]]) -> Inspec
     watch.finish().expect("wet pictures")
 }
 
-/// By hand: the film leaves 55/105 = 0.524 of the dry brightness, a damp break 0.8. At 4 levels these differ by 1.1, at
-/// 16 by 4.4: three and twelve times the noise of rounding, 0.35 levels. Four times the noise is required.
+/// Expected values, calculated by hand: the film has 55/105 = 0.524 of the dry brightness, a damp break 0.8. At 4
+/// levels they differ by 1.1, at 16 levels by 4.4: three and twelve times the noise of rounding, 0.35 levels. At least
+/// four times the noise is required.
 #[test]
 fn a_part_that_the_film_hardly_changes_cannot_be_judged() {
     let codes_with = |level: u8| {

@@ -1,4 +1,4 @@
-//! Tests the gate at its limits.
+//! Tests of the acceptance checks at their limits.
 
 use super::super::{CameraCheck, CompetingPose, WeakestMotion};
 use super::*;
@@ -52,7 +52,7 @@ fn judged(fit: &Fit) -> (Verdict, Vec<std::borrow::Cow<'static, str>>) {
     (judgement.verdict, judgement.reasons.into_iter().map(|reason| reason.code).collect())
 }
 
-/// The recipe's defaults: 60 mm, 15°, 15°, 0.25 mm rms, 0.75 of overlap.
+/// The limits are the defaults of the recipe: 60 mm, 15°, 15°, 0.25 mm rms, 0.75 of overlap.
 #[test]
 fn each_limit_has_its_reason() {
     assert_eq!(judged(&good()), (Verdict::Accept, vec![]));
@@ -93,8 +93,8 @@ fn another_object_is_rejected_and_a_doubtful_panel_is_reviewed() {
     review(Fit { agreement_mm: f64::INFINITY, ..good() }, "starts_disagree");
 }
 
-/// By hand: 0.35 mm with an uncertainty of 0.05 mm is at least 0.3 mm; 0.35 ± 0.15 mm may be 0.2 mm. A rival that is
-/// supported by 20 mm, against 40 mm for the first pose, gives a ratio of 48/28 = 1.7.
+/// Expected values, calculated by hand: 0.35 mm with an uncertainty of 0.05 mm is at least 0.3 mm; 0.35 ± 0.15 mm may
+/// be 0.2 mm. A rival that is supported by 20 mm, against 40 mm for the first pose, gives a ratio of 48/28 = 1.7.
 #[test]
 fn a_moved_camera_and_a_rival() {
     let camera = |moved_mm, uncertainty_mm, same| {
@@ -114,9 +114,9 @@ fn a_moved_camera_and_a_rival() {
     assert_eq!(rival(40.0, 0.0).0, Verdict::Accept);
 }
 
-/// By hand: with an uncertainty of 0.2 mm, a moved camera is detected from 0.45 mm on. With 0.31 mm it is detected
-/// from 0.56 mm on, which is more than 0.55. With an uncertainty of 2 mm, a measured motion of 2 mm does not show
-/// that the camera moved.
+/// Expected values, calculated by hand: with an uncertainty of 0.2 mm, a moved camera is detected from 0.45 mm on. With
+/// 0.31 mm it is detected from 0.56 mm on, more than the limit 0.55 mm. With an uncertainty of 2 mm, a measured motion
+/// of 2 mm does not show that the camera moved.
 #[test]
 fn a_camera_whose_motion_can_no_longer_be_detected_is_a_review() {
     let told = |uncertainty_mm| Some(CameraCheck { moved_mm: uncertainty_mm, uncertainty_mm, unmoved_share: 0.9 });
@@ -135,8 +135,8 @@ fn a_poor_fit_gives_no_information_on_motion() {
     assert_eq!(judged(&Fit { rms_mm: 3.0, shift_mm: 90.0, ..good() }).1, ["poor_fit"]);
 }
 
-/// An uncertainty of 0.41 mm is too large. If it were at most the accepted 0.35 mm without one of its causes, the
-/// reason names this cause.
+/// An uncertainty of 0.41 mm is too large. If the uncertainty were within the limit of 0.35 mm without one of its
+/// causes, the reason names this cause.
 #[test]
 fn the_reason_of_an_uncertain_pose_states_cause_and_remedy() {
     let words = |uncertainty_at_taught_place_mm, uncertainty_without_scale_mm| {
