@@ -1,20 +1,20 @@
-//! The panel's pose: 3D registration of a scan (thesis 3.8), and correction of the pose by corners (thesis 3.9).
+//! The pose of the panel: 3D registration of a scan (thesis 3.8), and correction of the pose by corners (thesis 3.9).
 //!
 //! The search needs no start value and covers all poses in the search box. The scan is downsampled ([`grid`]) and
 //! segmented into connected components in the box ([`pieces`]). The taught panel is aligned with these pieces at every
-//! rotation ([`search`]). The best pose hypotheses are fitted to the surface and to the outline's edges in the colour
-//! picture together ([`fit`], [`edges`]), with the borders of marks inside it (`print_features`), and compared with
-//! each other ([`ConsistencyScore`]). The result is a [`Fit`]: the pose with its covariance, the agreement of
-//! independent starts, and the check of the camera's pose by the fixture. [`gate`] judges this evidence. [`explain`]
-//! marks the cause of a reason in the scan's picture. [`corner`] finds the panel's corner in a picture of the flange
-//! camera, and [`refine`] corrects the pose by it. [`thesis_icp`] is the thesis's own method, for comparison. An error
-//! of the camera's calibration moves taught and located panel alike and cannot be detected here.
+//! rotation ([`search`]). The best pose hypotheses are fitted to the surface and to the edges of the outline in the
+//! colour picture together ([`fit`], [`edges`]), with the borders of marks inside the outline (`print_features`), and
+//! compared with each other ([`ConsistencyScore`]). The result is a [`Fit`]: the pose with its covariance, the
+//! agreement of independent starts, and the result of the fixture check. [`gate`] judges this evidence. [`explain`]
+//! marks the origin of a reason in the scan's picture. [`corner`] detects the corner of the panel in a picture of the
+//! flange camera, and [`refine`] corrects the pose with it. [`thesis_icp`] is the thesis's method, for comparison. An
+//! error of the camera calibration moves the taught and the located panel in the same way and cannot be detected here.
 //!
-//! Two pose hypotheses of one panel are compared by the evidence that supports only one of the two. Only places at
-//! which the two poses disagree carry information. Such a place is a segment of the outline, or the border of a mark,
-//! that has its edge at only one of the poses. It may also be a square of surface that lies on the scan at only one of
-//! the poses. Places that are occluded at either pose are left out. The evidence is a length; a square of surface
-//! counts as the length of its side.
+//! Two pose hypotheses of one panel are compared by the evidence that supports only one of them. Only points at which
+//! the two poses disagree contain information. One kind of evidence is a segment of the outline, or the border of a
+//! mark, whose edge is measured at only one of the poses. The other kind is a square of surface that is on the scan at
+//! only one of the poses. Points that are occluded at either pose are excluded. The evidence is a length; a square of
+//! surface is converted to the length of its side.
 
 mod camera_check;
 pub mod corner;
@@ -68,18 +68,19 @@ pub struct ScanView<'a> {
     pub camera: &'a PinholeCamera,
     /// Its pose.
     pub base_from_camera: Rigid<Base, Camera>,
-    /// The errors of the camera's scans.
+    /// The errors of the scans of this camera.
     pub range: RangeErrors,
 }
 
-/// The number of samples of a fit that only compares hypotheses, and of the independent starts.
+/// Number of samples of a fit that only compares hypotheses, and of a fit from an independent start.
 const HYPOTHESIS_SAMPLES: usize = 3_000;
-/// The offset of the independent starts from the result: a shift as a fraction of the panel's reach; the second
-/// constant is a rotation, rad.
+/// Offset of the independent starts from the result: a shift as a fraction of the panel's reach (`START_SHIFT_SHARE`),
+/// and a rotation, rad (`START_ROTATION_RAD`).
 const START_SHIFT_SHARE: f64 = 0.02;
 const START_ROTATION_RAD: f64 = 0.015;
 
-/// The numbers of taught and scanned points that the thesis's method pairs.
+/// Numbers of taught points (`THESIS_TAUGHT_POINTS`) and scanned points (`THESIS_SCANNED_POINTS`) for the thesis's
+/// method.
 const THESIS_TAUGHT_POINTS: usize = 6_000;
 const THESIS_SCANNED_POINTS: usize = 120_000;
 
@@ -97,7 +98,7 @@ pub struct PreparedScan<'a> {
 /// Finds the taught panel in a scan.
 ///
 /// # Errors
-/// As [`TaughtModel::from_panel`] and [`PreparedScan::locate`].
+/// The errors of [`TaughtModel::from_panel`] and [`PreparedScan::locate`].
 pub fn locate(taught: &TaughtPanel, view: &ScanView<'_>, settings: &recipe::Locate) -> Result<Fit, LocateError> {
     let model = TaughtModel::from_panel(taught, view.range)?;
     PreparedScan::new((taught, &model), view, settings).locate()
@@ -117,12 +118,12 @@ impl<'a> PreparedScan<'a> {
         PreparedScan { taught, view: *view, settings, taught_model, grid, inside, pieces }
     }
 
-    /// Returns how much of the panel's outline the taught scan shows.
+    /// Returns the fractions of the panel's outline that the taught scan shows.
     pub fn outline_seen(&self) -> OutlineEvidence {
         self.taught_model.model.outline_evidence
     }
 
-    /// Returns the length of mark borders inside of the outline in the taught picture, mm: they also constrain the
+    /// Returns the length of the mark borders inside of the outline in the taught picture, mm: they also constrain the
     /// panel sideways.
     pub fn marks_mm(&self) -> f64 {
         self.taught_model.model.marks.points.iter().map(|mark| mark.length_mm).sum()
@@ -132,11 +133,11 @@ impl<'a> PreparedScan<'a> {
         FitInputs { model: &self.taught_model.model, grid: &self.grid, scan: self.view.scan }
     }
 
-    /// Finds the panel.
+    /// Finds the panel in the scan.
     ///
     /// # Errors
-    /// If no object of the panel's size and shape lies in the search box; [`gate::refusal`] converts this into a
-    /// verdict.
+    /// If no object of the size and shape of the panel is in the search box; [`gate::refusal`] converts this error into
+    /// a verdict.
     pub fn locate(&self) -> Result<Fit, LocateError> {
         let PreparedScan { taught, view, grid, inside, pieces, .. } = self;
         let model = &self.taught_model.model;
@@ -144,8 +145,8 @@ impl<'a> PreparedScan<'a> {
         if candidates.is_empty() {
             return Err(no_fit_error(model, pieces, inside.iter().filter(|inside| **inside).count()));
         }
-        // Every localization searches completely, without a start value: with a start at the last pose, a panel that
-        // lies the other way round would not be found.
+        // Every localization searches completely, without a start value: with a start at the last pose, a panel that is
+        // rotated by 180° would not be found.
         let hypotheses = search::search(model, (grid, view.scan), &candidates);
         let inputs = self.inputs();
         let hypotheses = (hypotheses.as_slice(), view.base_from_camera);
@@ -171,7 +172,7 @@ impl<'a> PreparedScan<'a> {
             },
         );
         let is_watched = gate::can_detect_motion(camera.map(|camera| camera.uncertainty_mm));
-        // Computed only if today's scan cannot show a motion of the camera: the fixture may be hidden today although
+        // Computed only if the present scan cannot show a motion of the camera: the fixture may be hidden now although
         // the taught scan showed it.
         let asked =
             (!is_watched).then(|| camera_check::teaching_uncertainty_mm(taught, self.taught_model, self.settings));
@@ -183,8 +184,8 @@ impl<'a> PreparedScan<'a> {
             }
             Registration::Thesis => {
                 let camera_from_panel = self.locate_by_thesis(&best);
-                // The thesis's method states no error of its own; the distance from the pose of the other method, which
-                // has a stated error, bounds it.
+                // The thesis's method states no error of its own; its distance from the pose of the other method, which
+                // has a stated error, is an upper limit of it.
                 let off_mm = inputs.model.largest_distance_mm(&camera_from_panel, &fitted.camera_from_panel);
                 let placed = IterationEnd { camera_from_panel, ..fitted };
                 let fit = evidence::compute_evidence(&placed, inputs, pieces, view.base_from_camera, beside)?;
@@ -193,7 +194,7 @@ impl<'a> PreparedScan<'a> {
         }
     }
 
-    /// Returns the pose by the thesis's method, which begins at a start pose.
+    /// Returns the pose by the thesis's method from a start pose.
     fn locate_by_thesis(&self, start: &Rigid<Camera, Panel>) -> Rigid<Camera, Panel> {
         let PreparedScan { view, grid, inside, .. } = self;
         let points = &self.taught_model.model.points;
@@ -214,9 +215,9 @@ impl<'a> PreparedScan<'a> {
 /// The shape in which the panel is compared with the scan at the poses of two hypotheses.
 #[derive(Clone, Copy, PartialEq)]
 enum PanelForm {
-    /// The panel as it was taught.
+    /// The taught shape.
     AsTaught,
-    /// The panel bent as required at each of the two poses, and fitted again. For a bent panel, the taught surface
+    /// The shape bent as required at each of the two poses, and fitted again. For a bent panel, the taught surface
     /// gives little information on the pose and displaces the fit. The evidence for one of the poses is then what no
     /// bend explains, mainly the outline.
     AsBent,
@@ -230,7 +231,7 @@ fn is_bent(placed: &Rigid<Camera, Panel>, inputs: FitInputs<'_>) -> bool {
     deviation.is_some_and(|deviation| deviation.largest_mm > MAX_SURFACE_DISTANCE_MM)
 }
 
-/// Fits the hypotheses and returns the pose that no other pose beats, with its closest rival.
+/// Fits the hypotheses and returns the pose with the most evidence, with its closest rival.
 fn choose(
     (hypotheses, base_from_camera): (&[PoseHypothesis], Rigid<Base, Camera>),
     inputs: FitInputs<'_>,
@@ -259,8 +260,8 @@ fn choose(
         for_a > for_b
     };
     let mut best = 0;
-    // The poses are compared in pairs and not by a sum: only places where two poses differ can decide between them. A
-    // sum would favour the pose at which fewer places are hidden.
+    // The poses are compared in pairs and not by a sum: only points at which two poses differ can decide between them.
+    // A sum would favour the pose at which fewer points are hidden.
     for other in 1..fitted.len() {
         if beats(&fitted[other].1, &fitted[best].1) {
             best = other;
@@ -270,7 +271,7 @@ fn choose(
         return None;
     }
     let (first, score) = fitted.swap_remove(best);
-    // Results of starts that converge to one pose differ by much less than this; another pose that fits, rotated or
+    // The results of starts that converge to one pose differ by much less than this; another matching pose, rotated or
     // shifted, differs by more.
     let same_mm = 0.05 * search::reach_mm(inputs.model);
     let rivals = fitted.iter().filter(|(other, _)| inputs.model.largest_distance_mm(&first, other) > same_mm);
@@ -282,8 +283,7 @@ fn choose(
     Some((first, rival.min_by(|a, b| a.evidence_ratio().total_cmp(&b.evidence_ratio()))))
 }
 
-/// Returns the largest distance between the results of independent starts, mm; infinite if a start does not
-/// converge.
+/// Returns the maximum distance between the results of independent starts, mm; infinite if a start does not converge.
 fn agreement_mm(fitted: &IterationEnd, inputs: FitInputs<'_>) -> f64 {
     let shift_mm = START_SHIFT_SHARE * search::reach_mm(inputs.model);
     let centre = RigidF32::from_rigid(&fitted.camera_from_panel).point(&inputs.model.centre);
@@ -298,7 +298,7 @@ fn agreement_mm(fitted: &IterationEnd, inputs: FitInputs<'_>) -> f64 {
     let samples = Samples::subset(inputs.model, HYPOTHESIS_SAMPLES);
     let ends: Vec<Option<IterationEnd>> =
         starts.par_iter().map(|start| fit::fit(start, inputs, &samples)).collect();
-    // A start that does not converge is evidence against the pose, not a missing number.
+    // A start that does not converge is evidence against the pose, not a missing value.
     let Some(ends) = ends.into_iter().collect::<Option<Vec<IterationEnd>>>() else { return f64::INFINITY };
     let apart = |a: &IterationEnd, b: &IterationEnd| {
         inputs.model.largest_distance_mm(&a.camera_from_panel, &b.camera_from_panel)
@@ -319,14 +319,14 @@ fn no_fit_error(model: &Model, pieces: &[pieces::Piece], found: usize) -> Locate
     }
 }
 
-/// Largest distance of an edge from the outline's place at which it supports the pose, px.
+/// Maximum distance between an edge and the point of the outline that it supports, px.
 const MAX_EDGE_DISTANCE_PX: f64 = 1.2;
-/// Largest distance of a surface from the taught one at which it supports the pose, mm.
+/// Maximum distance between the scanned and the taught surface with which the scan supports the pose, mm.
 const MAX_SURFACE_DISTANCE_MM: f64 = 0.35;
 /// Side of the square that a point of the surface represents, mm.
 const SURFACE_SQUARE_SIDE_MM: f64 = 8.0;
 
-/// The result of comparing each place of the panel at a pose with the scan: consistent, contradicted, or unknown.
+/// For each point of the panel at a pose, the comparison with the scan: consistent, contradicted, or unknown.
 struct ConsistencyScore {
     agreements: Vec<Option<bool>>,
     lengths_mm: Vec<f64>,
@@ -365,7 +365,7 @@ impl ConsistencyScore {
         let mut alone_mm = [0.0; 2];
         for ((a, b), length_mm) in self.agreements.iter().zip(&other.agreements).zip(&self.lengths_mm) {
             match (a, b) {
-                // A place that is unknown at one of the two poses carries no information about their difference.
+                // A point that is unknown at one of the two poses contains no information about their difference.
                 (Some(true), Some(false)) => alone_mm[0] += length_mm,
                 (Some(false), Some(true)) => alone_mm[1] += length_mm,
                 _ => {}
@@ -431,8 +431,8 @@ mod tests {
         assert!(apart_mm < 0.3 || gate::judge(&thesis, &by_thesis).verdict != Verdict::Accept, "{apart_mm}");
     }
 
-    /// By hand: 3 mm support only the first pose, 5 mm only the second; places that are not seen at one of the poses
-    /// are left out.
+    /// Expected values, calculated by hand: 3 mm support only the first pose, 5 mm only the second; points that are not
+    /// visible at one of the poses are excluded.
     #[test]
     fn only_differences_count() {
         let votes = |said: [Option<bool>; 4]| ConsistencyScore {

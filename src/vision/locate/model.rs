@@ -1,8 +1,8 @@
-//! The taught panel in the form that the search and the fit use: points with normals, an outline in space, and its own
-//! grid.
+//! The taught panel in the form that the search and the fit use: points with normals, an outline in space, and its
+//! depth grid.
 //!
-//! The outline is found in the taught scan's colours and depths (`taught_outline`). All data that depend only on the
-//! taught panel are derived once, before there is a scan.
+//! The outline is measured in the colours and depths of the taught scan (`taught_outline`). All data that depend only
+//! on the taught panel are derived once, before there is a scan.
 
 use super::error::LocateError;
 use super::grid::{Grid, RigidF32, camera_point};
@@ -15,47 +15,47 @@ use panelprep_base::geometry::{Base, Camera, Panel, Pixel, Point, Rigid, Vector}
 use panelprep_cell::panel::TaughtPanel;
 use std::sync::Arc;
 
-/// Smallest fraction of its surface that gave points on a complete panel.
+/// Minimum fraction of the surface with measured points, for a panel without missing parts.
 const MIN_COMPLETE_SHARE: f64 = 0.9;
-/// Smallest number of surface points: with fewer, the panel is not sufficiently constrained.
+/// Minimum number of surface points: with fewer, the panel is not sufficiently constrained.
 const MIN_SURFACE_POINTS: usize = 200;
 
 /// The taught panel.
 #[derive(Clone)]
 pub(super) struct Model {
-    /// Points of the surface, in the panel's frame, mm.
+    /// Points of the surface in the panel frame, mm.
     pub points: Vec<Vector3<f64>>,
-    /// Their normals, towards the camera that recorded them.
+    /// Normals at the points, towards the camera that recorded them.
     pub normals: Vec<Vector3<f64>>,
-    /// The outline, in order.
+    /// The points of the outline, in order.
     pub outline: Vec<OutlinePoint>,
-    /// The steps of brightness inside of the outline.
+    /// The borders of marks inside of the outline.
     pub marks: TaughtMarks,
-    /// The middle of the surface.
+    /// The centre of the surface.
     pub centre: Vector3<f64>,
-    /// The direction in which the points of the surface scatter least, towards the camera.
+    /// The mean normal: the direction in which the points of the surface scatter least, towards the camera.
     pub normal: Vector3<f64>,
     /// Area of the surface, mm².
     pub area_mm2: f64,
-    /// The panel's own depths, with the camera's parameters.
+    /// The depths of the panel in the taught scan, with the lens model of the camera.
     pub grid: Arc<Grid>,
-    /// The pose of that camera.
+    /// The taught pose of the panel in the camera frame.
     pub camera_from_panel: Rigid<Camera, Panel>,
-    /// The panel's frame at its nominal place.
+    /// The nominal pose of the panel frame.
     pub nominal_pose: Rigid<Base, Panel>,
     /// Median width of the steps of brightness at the outline, px.
     pub edge_width_px: f64,
-    /// Fraction of the panel that gave points at teaching, 0…1, if a person drew its outline; otherwise 1.
-    pub measured_fraction: f64,
-    /// The fractions of the outline that are seen, held and unseen.
+    /// Fraction of the panel with measured points at teaching, 0…1, if a person drew its outline; otherwise 1.
+    pub measured_share: f64,
+    /// The fractions of the outline that are visible, held and unseen.
     pub outline_evidence: OutlineEvidence,
-    /// The places at which the panel is held, in the taught picture.
+    /// The quadrilaterals of the taught picture in which a holder touches the panel.
     pub held_px: Vec<[Pixel; 4]>,
     /// The errors of the scans.
     pub range: RangeErrors,
 }
 
-/// Returns the depths of the taught scan: those of its panel if `of_panel` is true, otherwise all others.
+/// Returns the depths of the taught scan: of its panel if `of_panel` is true, otherwise of all other surfaces.
 fn taught_grid(panel: &TaughtPanel, of_panel: bool) -> Grid {
     let motion = RigidF32::from_rigid(&panel.panel_from_camera.inverse());
     let depth_row = motion.turn.row(2).into_owned();
@@ -110,18 +110,18 @@ impl Model {
         })
     }
 
-    /// Returns whether large parts of the panel gave no points at teaching. Points may be missing now as well,
-    /// possibly at other places.
+    /// Returns whether large parts of the panel had no points at teaching. Now points may be missing as well, possibly
+    /// elsewhere.
     pub fn has_missing_parts(&self) -> bool {
         self.measured_fraction < MIN_COMPLETE_SHARE
     }
 
-    /// Returns the middle of the surface as a point of the panel.
+    /// Returns the centre of the surface in the panel frame.
     pub fn centre_point(&self) -> Point<Panel> {
         Point::new(self.centre.into())
     }
 
-    /// Returns the mean normal as a direction of the panel.
+    /// Returns the mean normal in the panel frame.
     pub fn normal_direction(&self) -> Vector<Panel> {
         Vector::new(self.normal)
     }
@@ -133,7 +133,7 @@ impl Model {
         view(&taught).cross(&view(placed)).norm()
     }
 
-    /// Returns the largest distance between the positions of the same outline point at two poses, mm.
+    /// Returns the maximum distance between the positions of one outline point at two poses, mm.
     pub fn largest_distance_mm(&self, a: &Rigid<Camera, Panel>, b: &Rigid<Camera, Panel>) -> f64 {
         let (a, b) = (RigidF32::from_rigid(a), RigidF32::from_rigid(b));
         let apart = |sample: &OutlinePoint| (a.point(&sample.point) - b.point(&sample.point)).norm();
@@ -150,7 +150,7 @@ pub struct TaughtModel {
 }
 
 impl TaughtModel {
-    /// Derives the model.
+    /// Derives the model from a taught panel.
     ///
     /// # Errors
     /// If the taught panel has too little surface or outline.

@@ -1,8 +1,8 @@
 //! The pieces of the scan in the search box, which are its connected smooth components, and the distance of each block
 //! of pixels from their border.
 //!
-//! Neighbouring blocks belong to one piece if there is no jump between their depths. A piece's border is a true border
-//! if a surface farther away, or no point, is seen beyond it. It is not a true border if a nearer object occludes the
+//! Neighbouring blocks belong to one piece if their depths do not jump. A border of a piece is a true border if the
+//! scan shows a surface farther away, or no point, beyond it. It is not a true border if a nearer object occludes the
 //! continuation, if the picture ends there, or if missing points divide a piece that may have holes. The nearest true
 //! border of every block is computed by two sweeps over the picture (8SSED: Danielsson, Comput. Graph. Image Process.
 //! 14, 1980).
@@ -11,15 +11,15 @@ use super::grid::{Grid, RigidF32};
 use nalgebra::{Matrix3, Vector3};
 use panelprep_base::geometry::{DIRECT_NEIGHBOURS, RasterSize};
 
-/// Smallest number of blocks of a piece; a smaller one is a speck.
+/// Minimum number of blocks of a piece; a smaller one is a speck.
 pub(super) const MIN_BLOCKS: usize = 40;
-/// Depths are compared up to this distance beyond the border, blocks: pixels next to it have no depth or are flying
-/// pixels.
+/// Distance beyond the border up to which depths are compared, blocks: pixels beside the border have no depth or are
+/// flying pixels.
 const DEPTH_COMPARISON_BLOCKS: isize = 3;
-/// A point of the outline counts as on a border, and a mark as on a step of brightness, if the distance is at most
-/// this, blocks.
+/// Maximum distance between an outline point and a border, and between a mark and a step of brightness, for the two to
+/// match, blocks.
 pub(super) const MAX_BORDER_DISTANCE_BLOCKS: f64 = 1.8;
-/// The maximum width of a patch of missing points, blocks.
+/// Maximum width of a patch of missing points, blocks.
 const MAX_HOLE_BLOCKS: isize = 80;
 const NONE: u32 = u32::MAX;
 
@@ -28,17 +28,17 @@ const NONE: u32 = u32::MAX;
 pub(super) struct Piece {
     /// Its blocks.
     pub blocks: Vec<u32>,
-    /// The middle of the piece, in the camera's frame, mm.
+    /// The centre of the piece in the camera frame, mm.
     pub centre: Vector3<f64>,
     /// The direction in which the points of the piece scatter least, towards the camera.
     pub normal: Vector3<f64>,
     /// Its area, mm².
     pub area_mm2: f64,
-    /// Half the diagonal of the piece's extent, mm.
+    /// Half of the diagonal of the piece's extent, mm.
     pub reach_mm: f64,
 }
 
-/// Returns the pieces among these blocks, largest area first.
+/// Returns the pieces among these blocks, the largest first.
 pub(super) fn find_pieces(grid: &Grid, inside: &[bool]) -> Vec<Piece> {
     let raster = RasterSize { width: grid.columns, height: grid.rows };
     let joined = |here: usize, there: usize| {
@@ -84,7 +84,7 @@ pub(super) struct Border {
 }
 
 impl Border {
-    /// Finds the border of a piece, which may have holes at missing points.
+    /// Finds the border of a piece, which may have holes where points are missing.
     pub fn from_piece(grid: &Grid, piece: &Piece, may_have_holes: bool) -> Border {
         let (columns, rows) = (grid.columns, grid.rows);
         let mut inside = vec![false; columns * rows];
@@ -95,7 +95,7 @@ impl Border {
         Border::to_blocks(grid, blocks.filter(|&block| is_true_border(grid, &inside, block, may_have_holes)))
     }
 
-    /// Creates a map of the nearest of these blocks, which are used instead of a piece's border.
+    /// Creates a map of the nearest of these blocks, which are used instead of the border of a piece.
     pub fn to_blocks(grid: &Grid, blocks: impl Iterator<Item = usize>) -> Border {
         let (columns, rows) = (grid.columns, grid.rows);
         let mut nearest = vec![NONE; columns * rows];
@@ -178,7 +178,7 @@ fn is_hole_boundary(
     places.into_iter().find(|&place| grid.depth_mm(place).is_some()).is_some_and(|met| inside[met])
 }
 
-/// Returns whether a block is on the piece's border, with a farther object or no point beyond the border.
+/// Returns whether a block is on the border of the piece, with a farther object or no point beyond the border.
 fn is_true_border(grid: &Grid, inside: &[bool], block: usize, may_have_holes: bool) -> bool {
     let (column, row) = ((block % grid.columns) as isize, (block / grid.columns) as isize);
     let Some(here_mm) = grid.depth_mm(block) else { return false };
@@ -219,7 +219,7 @@ pub(super) fn points<'a>(
         .filter_map(|&block| grid.point(block as usize % grid.columns, block as usize / grid.columns))
 }
 
-/// Returns a point's position in the grid of another view; `None` if the point is behind that camera.
+/// Returns the position of a point in the grid of another view; `None` if the point is behind that camera.
 pub(super) fn grid_position_in(
     grid: &Grid,
     motion: &RigidF32,
@@ -230,7 +230,7 @@ pub(super) fn grid_position_in(
     Some((there, grid.block_position(pixel)))
 }
 
-/// Returns the centroid, and the direction in which the points scatter least; `None` for no points.
+/// Returns the centroid of the points and the direction in which they scatter least; `None` without points.
 pub(super) fn centroid_and_normal(points: &[Vector3<f64>]) -> Option<(Vector3<f64>, Vector3<f64>)> {
     if points.is_empty() {
         return None;

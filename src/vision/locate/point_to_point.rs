@@ -1,12 +1,13 @@
 //! Point-to-point ICP, the thesis's method (3.8), only for comparison.
 //!
-//! It minimises  E(ᵇT_w) = Σ ‖p − ᵇT_w q‖²  over the pairs (p, q) of K, q taught and p scanned (3.21). Each step is the
-//! motion that fits its pairs best (`geometry::fit_rigid_motion`). A smooth panel slides along itself under this cost:
-//! the result has an error of millimetres, which the method does not report. Source: thesis 3.8.
+//! The method minimises  E(ᵇT_w) = Σ ‖p − ᵇT_w q‖²  over the pairs (p, q) of K, q taught and p scanned (3.21). Each
+//! step is the least-squares rigid motion of its pairs (`geometry::fit_rigid_motion`). A smooth panel slides along
+//! itself under this cost: the result has an error of millimetres, which the method does not report. Source: thesis
+//! 3.8.
 //!
-//! K is the correspondence set of thesis Eq. 3.20: pairs of closest points. Pairs farther apart than a limit are left
-//! out. The limit is a multiple of the median distance of all pairs, but at least a floor, so that it decreases as the
-//! fit improves.
+//! K is the correspondence set of thesis Eq. 3.20: pairs of closest points. Pairs farther apart than a limit are
+//! excluded. The limit is a multiple of the median distance of all pairs, but has a lower bound, so that it decreases
+//! as the fit improves.
 
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use panelprep_base::geometry::{Base, Panel, Point, Rigid, fit_rigid_motion, median};
@@ -22,7 +23,7 @@ const MAX_PAIR_MEDIANS: f64 = 3.0;
 struct NeighbourTree(ImmutableKdTree<f64, 3>);
 
 impl NeighbourTree {
-    /// Creates a tree of these points; `None` for no points.
+    /// Creates a search tree of these points; `None` without points.
     pub fn from_points(points: impl Iterator<Item = Point<Base>>) -> Option<Self> {
         let rows: Vec<[f64; 3]> = points.map(|point| point.mm.into()).collect();
         if rows.is_empty() {
@@ -31,7 +32,7 @@ impl NeighbourTree {
         ImmutableKdTree::new_from_slice(&rows).ok().map(NeighbourTree)
     }
 
-    /// Returns the index of the closest point, and its distance in mm.
+    /// Returns the index of the closest point, and its distance, mm.
     pub fn closest_point(&self, point: Point<Base>) -> (usize, f64) {
         let found = self.0.query(&point.mm.into()).nearest_one::<SquaredEuclidean<f64>>().execute();
         (found.item as usize, found.distance.sqrt())
@@ -43,13 +44,13 @@ impl NeighbourTree {
 struct ClosestPair {
     /// The taught point, q of Eq. 3.20.
     pub taught: Point<Panel>,
-    /// Index of the scanned point that is closest, p of Eq. 3.20.
+    /// Index of the closest scanned point, p of Eq. 3.20.
     pub closest: usize,
     /// Distance between the two points, mm.
     pub distance_mm: f64,
 }
 
-/// Returns every taught point with its closest point, in the order of the taught points.
+/// Returns every taught point with its closest scanned point, in the order of the taught points.
 fn closest_pairs(
     tree: &NeighbourTree,
     taught: &[Point<Panel>],
@@ -63,19 +64,19 @@ fn closest_pairs(
     taught.par_iter().with_min_len(CHUNK_SIZE).map(pair).collect()
 }
 
-/// Returns the distance beyond which a pair is left out: three times the median distance, but at least the floor.
+/// Returns the maximum distance of a pair that is used, mm: three times the median distance, but at least `floor_mm`.
 fn distance_limit_mm(pairs: &[ClosestPair], floor_mm: f64) -> f64 {
     let mut distances: Vec<f64> = pairs.iter().map(|pair| pair.distance_mm).collect();
     median(&mut distances).map_or(floor_mm, |median_mm| (MAX_PAIR_MEDIANS * median_mm).max(floor_mm))
 }
 
-/// Pairs at this distance or less are never left out, however good the fit is, mm.
+/// Lower limit of the distance beyond which a pair is excluded, mm, however good the fit is.
 const MIN_DROP_DISTANCE_MM: f64 = 5.0;
-/// The iteration ends if a step is smaller than this, mm.
+/// Maximum displacement in the last step, at which the iteration ends, mm.
 const CONVERGED_STEP_MM: f64 = 0.002;
 const MAX_STEPS: usize = 100;
 
-/// Moves the taught points onto the scanned ones, beginning at a start pose.
+/// Moves the taught points onto the scanned ones, starting at a start pose.
 pub fn thesis_icp(
     taught: &[Point<Panel>],
     scanned: &[Point<Base>],
@@ -102,7 +103,7 @@ pub fn thesis_icp(
 mod tests {
     use super::*;
 
-    /// An organized grid has thousands of equal coordinates in a row: the search must still find every point itself.
+    /// An organised grid has thousands of equal coordinates in a row: the search must still find every point.
     #[test]
     fn every_point_of_an_organised_grid_is_found() {
         let points: Vec<Point<Base>> =
@@ -111,8 +112,8 @@ mod tests {
         for (index, point) in points.iter().enumerate() {
             assert_eq!(tree.closest_point(*point), (index, 0.0));
         }
-        // By hand: a place 3 mm in front of the grid and 0.1 mm beside a point has the distance √(9 + 0.01) from
-        // this point.
+        // Expected value, calculated by hand: a point 3 mm in front of the grid and 0.1 mm beside a grid point has the
+        // distance √(9 + 0.01) from it.
         let (index, distance_mm) = tree.closest_point(Point::at(597.0, 1.6, 0.0));
         assert_eq!(index, 3);
         assert!((distance_mm - 9.01f64.sqrt()).abs() < 1e-12);

@@ -1,13 +1,13 @@
-//! The panel's marks: printed, painted or bright places inside its outline, found by the brightness steps at their
+//! The marks of the panel: printed, painted or bright areas inside its outline, found by the brightness steps at their
 //! borders.
 //!
 //! A flat panel can slide along its surface. If its outline is held, hidden or without points, only the marks printed
-//! on the panel constrain it sideways. The taught picture is searched cell by cell for its steepest change of
-//! brightness. If this change is a step between two uniform levels, its place is measured to a fraction of a pixel
-//! (`edges`) and projected onto the surface. The weave of a composite has too little contrast to be a mark.
+//! on the panel constrain it sideways. The taught picture is searched cell by cell for the steepest change of
+//! brightness. If this change is a step between two uniform levels, its position is measured to a fraction of a pixel
+//! (`edges`) and projected onto the surface. The weave of a composite has too little contrast for a mark.
 //!
-//! For the search in a scan, [`MarkSteps`] holds the steps of brightness that may be borders of marks. It returns the
-//! vector from any position of a scan to the nearest step.
+//! For the search in a scan, [`MarkSteps`] contains the steps of brightness that may be borders of marks. It returns
+//! the vector from any position of a scan to the nearest step.
 
 use super::edges;
 use super::edges::{HALF_LENGTH_PX, POSITION_COUNT, pixel_gray};
@@ -20,26 +20,26 @@ use panelprep_cell::panel::{OutlineFrom, TaughtPanel};
 use rayon::prelude::*;
 use std::collections::BTreeSet;
 
-/// Side of a search cell, px; a cell has at most one mark.
+/// Side of a search cell, px; at most one mark point is found per cell.
 const CELL_PX: usize = 8;
-/// Smallest difference between the two sides of a mark's border, grey levels: three times the value for an edge of the
+/// Minimum difference between the two sides of a mark's border, grey levels: three times the value for an edge of the
 /// outline, and far above that of a weave.
 const MIN_CONTRAST: f64 = 40.0;
-/// Smallest fraction of a step's contrast that lies between the two pixels that [`steepest`] compares.
+/// Minimum fraction of a step's contrast that lies between the two pixels that [`steepest_change`] compares.
 const MIN_STEP_SHARE: f64 = 0.35;
-/// The smallest change of brightness at the border of a mark, grey levels.
+/// Minimum change of brightness at the border of a mark, grey levels.
 pub(super) const MIN_STEP_LEVELS: f64 = MIN_STEP_SHARE * MIN_CONTRAST;
-/// Smallest distance between a mark and a held place, px: a nearer mark gives no information about the panel.
+/// Minimum distance between a mark and a holder, px: a nearer mark gives no information about the panel.
 const MIN_HELD_DISTANCE_PX: f64 = POSITION_COUNT as f64;
 
 /// A point on the border of a mark.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct MarkPoint {
-    /// The position of the point in the panel's frame, mm.
+    /// Position of the point in the panel frame, mm.
     pub point: Vector3<f64>,
-    /// The direction along the border.
+    /// Unit vector along the border.
     pub border_direction: Vector3<f64>,
-    /// The direction in the surface towards the brighter side.
+    /// Unit vector in the surface towards the brighter side.
     pub brighter_direction: Vector3<f64>,
     /// The surface's normal.
     pub normal: Vector3<f64>,
@@ -47,17 +47,17 @@ pub(super) struct MarkPoint {
     pub length_mm: f64,
 }
 
-/// All of a panel's marks.
+/// All marks of a panel.
 #[derive(Debug, Clone, Default)]
 pub(super) struct TaughtMarks {
     pub points: Vec<MarkPoint>,
-    /// Average number of marks that share one error.
+    /// Mean number of mark points with a common error.
     pub correlated_count: f64,
 }
 
 impl TaughtMarks {
-    /// Finds the marks of a taught panel with these depths and this surface. `alike_mm` is the length over which errors
-    /// are correlated, mm; a mark's largest error is that of its depth in the taught scan.
+    /// Detects the marks of a taught panel with these depths and this surface. `alike_mm` is the correlation length of
+    /// the errors, mm; the largest error of a mark is that of its depth in the taught scan.
     pub fn detect(panel: &TaughtPanel, (grid, surface): (&Grid, &Surface), alike_mm: f64) -> TaughtMarks {
         let (columns, rows) = (panel.scan.width() / CELL_PX, panel.scan.height() / CELL_PX);
         let search =
@@ -82,7 +82,7 @@ struct MarkSearch<'a> {
 }
 
 impl MarkSearch<'_> {
-    /// Finds the mark of the cell that begins at this pixel.
+    /// Finds the mark point of the cell that begins at this pixel.
     fn find_mark(&self, [left, top]: [usize; 2]) -> Option<MarkPoint> {
         let (width, height) = (self.panel.scan.width(), self.panel.scan.height());
         let margin = HALF_LENGTH_PX + 1;
@@ -109,7 +109,7 @@ impl MarkSearch<'_> {
         let ray = |pixel: Pixel| Some(self.panel.camera.unproject::<Camera>(pixel)?.mm);
         let (depth_mm, normal) = self.surface.extrapolate(self.grid, pixel)?;
         let here = ray(pixel)? * depth_mm;
-        // Returns the direction from this point to a neighbouring pixel, in the surface's plane.
+        // Returns the direction from this point to a neighbouring pixel, in the plane of the surface.
         let beside = |du: f64, dv: f64| {
             let ray = ray(Pixel::at(pixel.u + du, pixel.v + dv))?;
             (ray * (normal.dot(&here) / normal.dot(&ray)) - here).try_normalize(1e-12)
@@ -128,7 +128,7 @@ impl MarkSearch<'_> {
         })
     }
 
-    /// Returns whether both ends of the line lie on the panel; otherwise the panel's own edge could count as a
+    /// Returns whether both ends of the line are on the panel; otherwise the edge of the panel could be mistaken for a
     /// mark.
     fn is_on_panel(&self, pixel: Pixel, across: Vector2<f64>) -> bool {
         let (width, height) = (self.panel.scan.width(), self.panel.scan.height());
@@ -139,9 +139,9 @@ impl MarkSearch<'_> {
         })
     }
 
-    /// Returns whether the pixel is on the panel. If a person drew the outline, points inside of it may be missing, as
-    /// between bright marks on a dark panel. Otherwise a pixel without a point may be a window through which the
-    /// background is seen.
+    /// Returns whether the pixel is on the panel. If a person drew the outline, points inside of it may be missing, for
+    /// example between bright marks on a dark panel. Otherwise a pixel without a point may be a window through which
+    /// the background is visible.
     fn is_inside(&self, column: usize, row: usize) -> bool {
         let panel = self.panel;
         panel.mask.contains(column, row)
@@ -151,26 +151,26 @@ impl MarkSearch<'_> {
     }
 }
 
-/// Distance to both sides at which brightness is compared to find the steepest change, px. The second constant is the
-/// distance between the examined pixels.
+/// Distance to both sides over which brightness is compared to find the steepest change, px. `STEP_PX` is the distance
+/// between the examined pixels.
 const COMPARISON_DISTANCE_PX: usize = 2;
 const STEP_PX: usize = 2;
-/// Smallest cosine of the angle between two directions of one border: with a larger angle they belong to two borders.
+/// Minimum cosine of the angle between two directions of one border; with a larger angle they belong to two borders.
 const MIN_DIRECTION_COSINE: f64 = 0.7;
 
-/// The steepest change of brightness of a cell.
+/// The steepest change of brightness in a cell.
 #[derive(Debug, Clone, Copy)]
 struct Steepest {
     /// Column and row of the steepest change, px.
     pub position: [usize; 2],
-    /// The change of brightness at this position over twice [`COMPARISON_DISTANCE_PX`], grey levels.
+    /// Change of brightness at this position over twice [`COMPARISON_DISTANCE_PX`], grey levels.
     pub levels: f64,
-    /// The direction towards the brighter side, of length 1.
+    /// Unit vector towards the brighter side.
     pub brighter_direction: Vector2<f64>,
 }
 
-/// Returns the steepest change of a cell with this corner and side, px; `None` if the brightness does not change, or if
-/// the cell lies at the picture's rim.
+/// Returns the steepest change in a cell with this corner and side, px; `None` if the brightness does not change, or if
+/// the cell is at the rim of the picture.
 fn steepest_change<F: Frame>(
     scan: &OrganizedCloud<F>,
     [left, top]: [usize; 2],
@@ -202,14 +202,14 @@ fn steepest_change<F: Frame>(
     steepest
 }
 
-/// The nearest step of brightness, for each block of a scan.
+/// For each block of a scan, the nearest step of brightness.
 pub(super) struct MarkSteps {
     nearest: Border,
     brighter_direction: Vec<Option<Vector2<f64>>>,
 }
 
 impl MarkSteps {
-    /// Finds the steps of at least this many grey levels in the rectangle that these pieces span.
+    /// Detects the steps of at least this many grey levels in the bounding rectangle of these pieces.
     pub fn detect(scan: &ColoredCloud, grid: &Grid, pieces: &[Piece], least_levels: f64) -> MarkSteps {
         let place = |block: &u32| [*block as usize % grid.columns, *block as usize / grid.columns];
         let spans = |axis: usize| {
@@ -229,8 +229,8 @@ impl MarkSteps {
         MarkSteps { nearest: Border::to_blocks(grid, steps), brighter_direction: brighter }
     }
 
-    /// Returns the vector from a position of the grid to the nearest step, blocks; `None` if this step does not become
-    /// brighter in the given direction.
+    /// Returns the vector from a position of the grid to the nearest step, blocks; `None` if the brightness of this
+    /// step does not increase in the given direction.
     pub fn vector_to_step(&self, place: [f64; 2], brighter: &Vector2<f64>) -> Option<[f64; 2]> {
         let (block, way) = self.nearest.nearest(place)?;
         self.brighter_direction[block]?.dot(brighter).ge(&MIN_DIRECTION_COSINE).then_some(way)
@@ -245,9 +245,9 @@ mod tests {
 
     const SIDE: usize = 64;
 
-    /// By hand: dark up to and including column 31, bright beyond it. Brightness is compared over two pixels to each
-    /// side, so that columns 30 to 33 have the step. A position in column 20 is ten blocks from the step; it is found
-    /// only for the direction towards the brighter side.
+    /// Expected values, calculated by hand: dark up to and including column 31, bright beyond it. Brightness is
+    /// compared over two pixels to each side, so columns 30 to 33 contain the step. A position in column 20 is ten
+    /// blocks from the step; it is found only for the direction towards the brighter side.
     #[test]
     fn the_nearest_step_is_found_where_it_becomes_brighter() {
         let [fx_px, fy_px, cx_px, cy_px] = [60.0, 60.0, 31.5, 31.5];

@@ -1,24 +1,23 @@
-//! The correction of a localization by corners that the flange camera sees (thesis 3.9, Eq. 3.22–3.25).
+//! The correction of a localization with corners in pictures of the flange camera (thesis 3.9, Eq. 3.22–3.25).
 //!
-//! The expected pixel of a corner is the projection of its taught place through the pose to be corrected. The thesis
-//! drives the camera to  ᵇT_newCP = ᵇT_w · ʷT_nominalCP  (3.22), where that pixel is the taught reference pixel. For
-//! any other pose the pixel can be computed equally well, so the camera need not be exactly at this pose. The thesis
-//! then moves the camera in small amounts until both coincide. With the image Jacobian one computed step is enough: in
-//! undistorted image coordinates x, y, at the corner's depth Z,
+//! The expected pixel of a corner is the projection of its taught position through the pose to be corrected. The thesis
+//! drives the camera to  ᵇT_newCP = ᵇT_w · ʷT_nominalCP  (3.22), where the expected pixel is the taught reference
+//! pixel. The expected pixel can be computed for any other camera pose as well, so the camera need not be exactly at
+//! this pose. The thesis then moves the camera in small amounts until both pixels coincide. With the image Jacobian one
+//! computed step is enough: in undistorted image coordinates x, y, at the depth Z of the corner,
 //!     Δ = Z · (x_found − x_expected,  y_found − y_expected)  along the camera's X and Y.                      (3.23)
-//! If a corner is found to the right of its expected place, the camera must move right to see it at its expected place,
-//! and the panel lies to the right by the same distance:
+//! If a corner is found to the right of its expected position, the camera must move right to see it there, and the
+//! panel is to the right by the same distance:
 //!     ᵇT_w' = ᵇT_w · ʷR_newCP · T(Δ) · ʷR_newCPᵀ,   ʷR_newCP the rotation of  ʷT_newCP = ᵇT_w⁻¹ · ᵇT_newCP.  (3.24, 3.25)
-//! This shifts the panel by Δ along the camera's axes without a rotation. Several corners give the shift v that fits
-//! all of them in the sense of least squares. If they are far enough apart, they also give the rotation φ about the
-//! direction f in which the cameras look: a corner p then moves by  v + φ f × (p − p̄).  Along a direction in which
-//! every camera looks, the pose is not corrected. The residuals at the corners show whether they are corners of one
-//! rigid panel; the correction itself shows whether they agree with the 3D scan. Neither is hidden by averaging: see
-//! [`judge`] and [`worst_disagreement`].
+//! This shifts the panel by Δ along the axes of the camera without a rotation. For several corners, the shift v is the
+//! least-squares solution. If they are far enough apart, they also determine the rotation φ about the viewing direction
+//! f of the cameras: a corner p then moves by  v + φ f × (p − p̄).  Along a direction in which every camera looks, the
+//! pose is not corrected. The residuals at the corners show whether they are corners of one rigid panel. The correction
+//! shows whether they agree with the 3D scan. Neither is hidden by averaging: see [`judge`] and [`worst_disagreement`].
 //!
-//! A correction is judged by whether it is within the recipe's limits, consistent with one rigid panel, and in
-//! agreement with the 3D scan. Every corner is compared with its limit individually and named by its number among the
-//! taught ones. A NaN violates its limit.
+//! A correction is accepted if it is within the limits of the recipe, consistent with one rigid panel, and in agreement
+//! with the 3D scan. Every corner is compared with its limit individually and named by its taught number. A NaN
+//! violates its limit.
 
 #[cfg(test)]
 mod tests;
@@ -31,19 +30,19 @@ use panelprep_base::verdict::{Check, Judgement, LimitSource, Severity};
 use panelprep_cell::panel::TaughtCorner;
 use panelprep_cell::recipe;
 
-/// The smallest sum of the cameras' weights at which a direction is corrected. A camera has weight 1 for a direction
-/// across its view and 0 along it. Two cameras with almost the same view would convert a pixel's error into millimetres
-/// of depth.
+/// Minimum sum of the weights of the cameras at which a direction is corrected. A camera has weight 1 for a direction
+/// across its view and 0 along it. Two cameras with almost the same view would convert an error of a pixel into
+/// millimetres of depth.
 const MIN_WEIGHT: f64 = 0.2;
 
-/// The smallest root mean square distance of the corners from their centroid at which the rotation is corrected, mm:
-/// with a smaller one, an error of a pixel would cause an error of degrees.
+/// Minimum root mean square distance of the corners from their centroid at which the rotation is corrected, mm: with a
+/// smaller one, an error of a pixel would cause an error of degrees.
 const MIN_CORNER_SPREAD_MM: f64 = 25.0;
 
 /// One corner picture.
 #[derive(Debug, Clone, Copy)]
 pub struct CornerView<'a> {
-    /// The number of the corner among the taught ones, from 0.
+    /// Index of the corner among the taught corners, from 0.
     pub corner: usize,
     /// The taught data of the corner.
     pub taught: &'a TaughtCorner,
@@ -72,7 +71,7 @@ pub enum RefineError {
     },
 }
 
-/// Corrects a pose by one or more corner pictures.
+/// Corrects a pose with one or more corner pictures.
 ///
 /// # Errors
 /// If there is no view, or a corner is not in front of its camera.
@@ -92,7 +91,8 @@ pub fn refine(
     let base_from_base = common_motion(&seen);
     let moved = |seen: &CornerObservation| (base_from_base * seen.point - seen.point).mm;
     let along = |seen: &CornerObservation| [moved(seen).dot(&seen.right.mm), moved(seen).dot(&seen.down.mm)];
-    // The residuals after the common motion are the evidence whether the corners agree: a rigid panel has no residuals.
+    // The residuals after the common motion show whether the corners agree: the corners of a rigid panel have no
+    // residuals.
     let report = |seen: &CornerObservation| {
         let [right, down] = along(seen);
         CornerReport {
@@ -123,7 +123,7 @@ struct CornerObservation {
     down: Vector<Base>,
 }
 
-/// Evaluates one corner by itself; if it cannot be projected, returns the depth of the expected corner as the error.
+/// Evaluates one corner by itself; if it cannot be projected, the error is the depth of the expected corner, mm.
 fn observe_corner(
     located: Rigid<Base, Panel>,
     camera: &PinholeCamera,
@@ -147,8 +147,8 @@ fn observe_corner(
     })
 }
 
-/// Returns the motion that fits all corners best. For one corner, this is the shift by Δ along its camera's axes
-/// (Eq. 3.24, seen from the base).
+/// Returns the least-squares motion of all corners. For one corner, this is the shift by Δ along the axes of its camera
+/// (Eq. 3.24, in the base frame).
 fn common_motion(seen: &[CornerObservation]) -> Rigid<Base, Base> {
     let count = seen.len().max(1) as f64;
     let middle = seen.iter().map(|view| view.point.mm.coords).sum::<Vector3<f64>>() / count;
@@ -156,7 +156,8 @@ fn common_motion(seen: &[CornerObservation]) -> Rigid<Base, Base> {
     let apart_mm =
         (seen.iter().map(|view| (view.point.mm.coords - middle).norm_squared()).sum::<f64>() / count).sqrt();
     let about = about.filter(|_| apart_mm >= MIN_CORNER_SPREAD_MM).unwrap_or_else(Vector3::zeros);
-    // Rotations are in mm at the corners' distance, so that one weight limit applies to rotations and shifts.
+    // Rotations are converted to mm at the distance of the corners, so that one weight limit applies to rotations and
+    // shifts.
     let radius_mm = apart_mm.max(MIN_CORNER_SPREAD_MM);
     let (mut weight, mut wanted) = (Matrix4::zeros(), Vector4::zeros());
     for view in seen {
@@ -184,50 +185,50 @@ fn common_motion(seen: &[CornerObservation]) -> Rigid<Base, Base> {
 /// The result of one corner.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CornerReport {
-    /// Number of the corner among the taught corners, from 0.
+    /// Index of the corner among the taught corners, from 0.
     pub corner: usize,
     /// The expected position of the corner.
     pub expected_px: Pixel,
     /// Distance between the found and the expected position, px.
     pub error_px: f64,
-    /// The shift that this corner alone indicates, along its camera's X and Y, mm.
+    /// Shift that this corner alone indicates, along X and Y of its camera, mm.
     pub shift_mm: [f64; 2],
     /// The part of this shift that remains after the common correction, mm.
     pub remaining_shift_mm: f64,
 }
 
 impl CornerReport {
-    /// Returns the size of the shift of the panel that this corner alone indicates, mm.
+    /// Returns the length of the shift of the panel that this corner alone indicates, mm.
     pub fn indicated_shift_mm(&self) -> f64 {
         self.shift_mm[0].hypot(self.shift_mm[1])
     }
 }
 
-/// A corrected pose and the data on which it is based.
+/// A corrected pose and the corners on which it is based.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RefinedPose {
     /// The panel's pose.
     pub base_from_panel: Rigid<Base, Panel>,
-    /// The correction along X and Y of the first camera, mm.
+    /// Correction along X and Y of the first camera, mm.
     pub shift_mm: [f64; 2],
-    /// Angle by which the panel was rotated, if there are two or more corners far enough apart.
+    /// Angle by which the panel was rotated; zero unless two or more corners are far enough apart.
     pub rotation: Degrees,
-    /// The largest distance between the found and the expected position of a corner, px.
+    /// Maximum distance between the found and the expected position of a corner, px.
     pub error_px: f64,
-    /// Each corner, in the order of the views.
+    /// The result of each corner, in the order of the views.
     pub corners: Vec<CornerReport>,
 }
 
-/// Largest accepted distance between a corner of a rigid panel and its measured position after the correction, mm.
+/// Maximum distance between a corner of a rigid panel and its measured position after the correction, mm.
 pub const MAX_CORNER_DISTANCE_MM: f64 = 0.3;
 
-/// Judges a correction by the recipe's limit.
+/// Judges a correction by the limit of the recipe.
 pub fn judge(refined: &RefinedPose, limits: &recipe::Corner) -> Judgement {
     Judgement::from_checks(&checks(refined, limits))
 }
 
-/// Returns two lists of checks: the shift that each corner indicates, and each corner's residual distance after the
-/// common correction; both lists begin with the largest value.
+/// Returns two lists of checks: the shift that each corner indicates, and the residual distance of each corner after
+/// the common correction; both lists begin with the largest value.
 pub fn checks(refined: &RefinedPose, limits: &recipe::Corner) -> Vec<Check> {
     let allowed_mm = limits.max_correction_mm();
     let asked = sorted_by_size(refined, CornerReport::indicated_shift_mm).into_iter().flat_map(|(corner, asked_mm)| {
@@ -267,8 +268,7 @@ pub fn checks(refined: &RefinedPose, limits: &recipe::Corner) -> Vec<Check> {
                     )
                 },
             );
-        // Only the corner with the largest residual has a consequence: the residuals result from one correction of all
-        // corners together.
+        // Only the corner with the largest residual has a consequence: all residuals result from one common correction.
         if index == 0 { check } else { check.without_consequence() }
     });
     asked.chain(left).collect()
@@ -279,8 +279,8 @@ pub fn judge_corner_positions(seen: &RefinedPose, limits: &recipe::Corner) -> Ju
     Judgement::from_checks(&position_checks(seen, limits))
 }
 
-/// Checks the distance of each corner from its position according to the localization, the largest first. If a corner
-/// is elsewhere, a person must decide: there is no contact, and the panel is dried and located again.
+/// Checks the distance of each corner from its located position, the largest first. If a corner is displaced, a person
+/// must decide: the tool makes no contact, and the panel is dried and located again.
 pub fn position_checks(seen: &RefinedPose, limits: &recipe::Corner) -> Vec<Check> {
     let allowed_mm = limits.verify_mm();
     let checks = sorted_by_size(seen, CornerReport::indicated_shift_mm).into_iter().flat_map(|(corner, off_mm)| {
@@ -304,23 +304,23 @@ pub fn position_checks(seen: &RefinedPose, limits: &recipe::Corner) -> Vec<Check
     checks.collect()
 }
 
-/// Name of the check in which [`worst_disagreement`] judges the farthest corner.
+/// Name of the check of the farthest corner in [`worst_disagreement`].
 pub const FARTHEST_CORNER: &str = "farthest corner, against what scan, corner and calibrations claim";
 
-/// Stated error of one corner in the plane of its camera, 95 %, mm: the edges of the taught and of the found corner are
+/// Error of one corner in the plane of its camera, 95 %, mm: the edges of the taught and of the found corner are
 /// measured to a tenth of a pixel.
 const CORNER_ERROR_MM: f64 = 0.05;
 
-/// Checks whether a corner is farther from its position in the 3D scan than the stated errors of both permit. This is a
-/// finding and is not averaged; of several corners, the farthest is reported. `claims_mm` contains the other stated
-/// errors, 95 % each: those of the localization and of both calibrations. `None` if there is no corner.
+/// Checks whether a corner is farther from its position in the 3D scan than the stated errors permit. The result is a
+/// finding and is not averaged; of several corners, the farthest is reported. `claims_mm` contains the stated errors of
+/// the localization and of both calibrations, 95 % each. `None` if there is no corner.
 pub fn worst_disagreement(refined: &RefinedPose, claims_mm: &[f64]) -> Option<Check> {
     let claimed_mm = claims_mm.iter().map(|mm| mm * mm).sum::<f64>().sqrt().hypot(CORNER_ERROR_MM);
     // Twice the 95 % bound: by chance, only one value in ten thousand is larger.
     let allowed_mm = 2.0 * claimed_mm;
     let (corner, asked_mm) = sorted_by_size(refined, CornerReport::indicated_shift_mm).into_iter().next()?;
     let check = Check::new(FARTHEST_CORNER, "mm", asked_mm);
-    // If the position is not known at all, there is no limit.
+    // If the position is unknown, there is no limit.
     let check = if allowed_mm.is_finite() { check.with_max(allowed_mm, LimitSource::Program) } else { check };
     Some(check.with_consequence_if(exceeds_limit(asked_mm, allowed_mm), Severity::Review, "corner_disagrees", || {
         let [asked, allowed] = distinguishable_texts(asked_mm, allowed_mm, 2);
@@ -334,9 +334,9 @@ pub fn worst_disagreement(refined: &RefinedPose, claims_mm: &[f64]) -> Option<Ch
     }))
 }
 
-/// Sorts the corners by the absolute value of a measurement, largest first.
+/// Sorts the corners by the absolute value of a measurement, the largest first.
 fn sorted_by_size(refined: &RefinedPose, measured: impl Fn(&CornerReport) -> f64) -> Vec<(&CornerReport, f64)> {
-    // Without its sign, NaN sorts as the largest value.
+    // Without its sign, NaN is sorted as the largest value.
     let mut corners: Vec<_> = refined.corners.iter().map(|corner| (corner, measured(corner).abs())).collect();
     corners.sort_by(|a, b| b.1.total_cmp(&a.1));
     corners

@@ -1,38 +1,39 @@
-//! The known errors of the 3D camera: measured by `panelprep calibrate scanner`, or assumed.
+//! The known errors of the 3D camera: measured with `panelprep calibrate scanner`, or assumed.
 
 use panelprep_base::geometry::{Camera, DepthField, OrganizedCloud, Point};
 use panelprep_base::number_text::fixed_decimals;
 use panelprep_cell::cell::MeasuredScanner;
 use std::f64::consts::SQRT_2;
 
-/// The smooth errors of scans, which many points share.
+/// The smooth errors of scans, which are common to many points.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RangeErrors {
     /// Correlation length of the errors: side of the squares within which they are correlated, mm.
     pub correlation_mm: f64,
-    /// One standard deviation of the mean of a surface residual between two scans, over a square with the side
+    /// Standard deviation of the mean of a surface residual between two scans, over a square with the side
     /// `correlation_mm`, mm.
     pub scan_to_scan_mm: f64,
-    /// One standard deviation of the taught scan's error at a point of the outline, mm. The error lies along the
-    /// taught rays, so that it appears sideways from another view.
+    /// Standard deviation of the taught scan's error at a point of the outline, mm. The error is along the taught rays,
+    /// so it appears sideways from another view.
     pub taught_scan_mm: f64,
-    /// One standard deviation of the scale error that all scans share: the relative error of the camera's distances.
+    /// Standard deviation of the scale error that all scans have in common: the relative error of the camera's
+    /// distances.
     pub scale: f64,
-    /// One standard deviation of the relative scale error that differs from scan to scan.
+    /// Standard deviation of the relative scale error that differs from scan to scan.
     pub scan_to_scan_scale: f64,
     /// Whether the errors were measured.
     pub is_measured: bool,
 }
 
-/// Ratio of the error of a point to the error of a square's mean.
+/// Ratio of the error of a point to the error of the mean over a square.
 const POINT_TO_MEAN_ERROR: f64 = 1.5;
 
 impl Default for RangeErrors {
-    /// Returns the errors that are assumed without a measurement. Scans of a smooth panel by a Zivid Two show them:
-    /// according to its maker it has 0.06 mm of local planarity. The maker also states 0.2 % of dimension trueness,
-    /// which counts as two standard deviations of the scale error that all scans share. No maker states the correlation
-    /// length of the errors: with 85 mm the stated uncertainty is correct for lengths up to 120 mm (`make
-    /// bench-locate`, `correlated`).
+    /// Returns the errors that are assumed without a measurement. They apply to scans of a smooth panel by a Zivid Two:
+    /// its maker states a local planarity of 0.06 mm. The maker also states a dimension trueness of 0.2 %, which is
+    /// treated as two standard deviations of the common scale error. No maker states the correlation length of the
+    /// errors: with 85 mm the stated uncertainty is correct for lengths up to 120 mm (`make bench-locate`,
+    /// `correlated`).
     fn default() -> Self {
         RangeErrors {
             correlation_mm: 85.0,
@@ -46,12 +47,12 @@ impl Default for RangeErrors {
 }
 
 impl RangeErrors {
-    /// Returns one standard deviation of the smooth error of one scan at a point, mm.
+    /// Returns the standard deviation of the smooth error of one scan at a point, mm.
     pub fn point_mm(&self) -> f64 {
         POINT_TO_MEAN_ERROR * self.scan_to_scan_mm / SQRT_2
     }
 
-    /// Returns the description, as text for a person.
+    /// Returns a description of the errors, as text for a person.
     pub fn describe(&self) -> String {
         let smooth_mm = fixed_decimals(self.scan_to_scan_mm / SQRT_2, 3);
         let over_mm = fixed_decimals(self.correlation_mm, 0);
@@ -77,14 +78,14 @@ impl RangeErrors {
 pub struct ScanErrors {
     /// The errors that differ from scan to scan.
     pub range: RangeErrors,
-    /// The smooth error that is the same in each scan and is removed; `None` if it is not known.
+    /// The smooth error that is the same in each scan and is corrected; `None` if it is not known.
     pub field: Option<DepthField>,
-    /// Ratio of measured to true distances, minus one, in all scans alike: removed as well; 0 if it is not known.
+    /// Ratio of measured to true distances, minus one, the same in all scans; corrected as well. 0 if it is not known.
     pub scale_error: f64,
 }
 
-/// Relative uncertainty of the length of the printed board with which the scale was measured, one standard deviation.
-/// Measured with a caliper, 0.1 mm of 200 mm is two standard deviations.
+/// Relative standard uncertainty of the length of the printed board with which the scale was measured. Measured with a
+/// caliper, 0.1 mm of 200 mm is two standard deviations.
 const BOARD_LENGTH_UNCERTAINTY: f64 = 0.000_25;
 
 impl ScanErrors {
@@ -95,8 +96,9 @@ impl ScanErrors {
             correlation_mm: measured.correlation_mm,
             scan_to_scan_mm: SQRT_2 * measured.smooth_mm,
             taught_scan_mm: POINT_TO_MEAN_ERROR * measured.smooth_mm,
-            // The removed scale refers to the stated size of the board's squares, which is not verified here. Therefore
-            // it counts completely, in addition to the errors of the board's length and of the measurement.
+            // The corrected scale refers to the stated size of the board's squares, which is not verified here.
+            // Therefore the whole correction is included, in addition to the errors of the board length and of the
+            // measurement.
             scale: (measured.scale_percent / 100.0)
                 .hypot(BOARD_LENGTH_UNCERTAINTY)
                 .hypot(measured.scale_deviation_percent / 100.0 / (measured.board_positions.max(1) as f64).sqrt()),
@@ -106,7 +108,7 @@ impl ScanErrors {
         ScanErrors { range, field: measured.field, scale_error: measured.scale_percent / 100.0 }
     }
 
-    /// Removes the errors that are the same in each scan: the smooth field, and the scale.
+    /// Corrects the errors that are the same in each scan: the smooth field, and the scale.
     pub fn correct_scan(&self, scan: OrganizedCloud<Camera>) -> OrganizedCloud<Camera> {
         if self.field.is_none() && self.scale_error == 0.0 {
             return scan;
@@ -115,7 +117,7 @@ impl ScanErrors {
         scan.scaled_along_rays(|mm| scale * self.field.as_ref().map_or(1.0, |field| field.correction_factor(mm)))
     }
 
-    /// Removes the same errors from a single point of a scan.
+    /// Corrects the same errors in a single point of a scan.
     pub fn corrected_point(&self, point: Point<Camera>) -> Point<Camera> {
         let along = self.field.as_ref().map_or(point, |field| field.corrected_point(point));
         Point::new(along.mm / (1.0 + self.scale_error))
@@ -127,7 +129,8 @@ mod tests {
     use super::*;
     use panelprep_cell::cell::Provenance;
 
-    /// By hand: a camera whose distances are 0.2 % too long shows a point at 701.4 mm that is 700 mm away.
+    /// Expected value, calculated by hand: a camera whose distances are 0.2 % too long shows a point at 701.4 mm that
+    /// is 700 mm away.
     #[test]
     fn a_measured_scale_error_is_removed() {
         let measured = MeasuredScanner {
@@ -146,8 +149,8 @@ mod tests {
         let point = errors.correct_scan(cloud).point_at(0).expect("there").mm;
         assert!((point.z - 700.0).abs() < 1e-3 && (point.x - 10.0).abs() < 1e-3, "{point}");
         assert!((errors.corrected_point(Point::at(0.0, 0.0, 701.4)).mm.z - 700.0).abs() < 1e-9);
-        // 0.04 % over sixteen places is 0.01 %, in addition to the board's own 0.025 % and the 0.2 % that were
-        // removed.
+        // Expected value, calculated by hand: 0.04 % over sixteen positions is 0.01 %, in addition to the 0.025 % of
+        // the board and the corrected 0.2 %.
         assert!((errors.range.scale - 0.002_f64.hypot(0.000_25).hypot(0.000_1)).abs() < 1e-12);
         assert_eq!(ScanErrors::default().scale_error, 0.0);
     }

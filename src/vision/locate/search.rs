@@ -2,16 +2,17 @@
 //!
 //! A piece of the scan has a centroid and a mean normal. The taught panel is aligned with them at every rotation about
 //! the normal, and at some shifts, since part of the piece may be occluded. Each of these starts is moved by the
-//! surface and by the piece's true border to its local optimum. The score of a hypothesis evaluates both directions:
-//! taught points that lie on the scan, minus those at whose place the scan shows a surface farther away; outline points
-//! on the border; and points of the piece that the taught panel covers. No features are used, as a smooth panel has
-//! none. But if much of a panel with marks gives no points, the borders of marks are used, too.
+//! surface and by the true border of the piece to its local optimum. The score of a hypothesis evaluates both
+//! directions. It counts taught points that are on the scan, minus taught points at which the scan shows a surface
+//! farther away. It also counts outline points on the border, and points of the piece that the taught panel covers. No
+//! features are used, as a smooth panel has none. But if much of a panel with marks has no points, the borders of marks
+//! are used as well.
 //!
-//! Pieces and their borders then hardly show where a flat panel lies in its plane; its printed marks do. The scan's
-//! picture is searched for its steps of brightness, block by block, and each block stores the nearest of them. For each
-//! rotation of the panel about the piece's normal, the shift is chosen that puts the most borders of marks on steps
-//! which become brighter in the same direction. Within the range of shifts, the picture is treated as an affine map of
-//! the panel's plane about each mark.
+//! Without these points, pieces and their borders hardly determine the position of a flat panel in its plane; its
+//! printed marks do. The picture of the scan is searched for its steps of brightness, block by block, and each block
+//! stores the nearest of them. For each rotation of the panel about the normal of the piece, the shift is selected that
+//! puts the most borders of marks on steps whose brightness increases in the same direction. Within the range of
+//! shifts, the picture is approximated by an affine map of the panel's plane about each mark.
 
 use super::edges::outward_px;
 use super::grid::{ColoredCloud, DepthReading, Grid, RigidF32, camera_point, spread_indices};
@@ -23,55 +24,55 @@ use nalgebra::{Isometry3, Rotation3, Translation3, Unit, UnitQuaternion, Vector2
 use panelprep_base::geometry::{Camera, Panel, Rigid};
 use rayon::prelude::*;
 
-/// The number of rotations about the normal.
+/// Number of rotations about the normal.
 const ROTATION_COUNT: usize = 36;
-/// The number of rotations if marks are used.
+/// Number of rotations about the normal if marks are used.
 const MARK_ROTATION_COUNT: usize = 72;
-/// The number of shifts to each side along both axes; the second constant is their step as a fraction of the panel's
-/// reach.
+/// Number of shifts to each side along both axes; `SHIFT_STEP_SHARE` is the step between two shifts, as a fraction of
+/// the panel's reach.
 const SHIFTS_TO_EACH_SIDE: i32 = 2;
 const SHIFT_STEP_SHARE: f64 = 0.13;
-/// The number of surface points for a first evaluation; the next constants are those for moving a start, and for its
-/// score.
+/// Number of surface points for the first evaluation of a start (`COARSE_POINTS`), for moving it (`MOVE_POINTS`), and
+/// for its score (`SCORE_POINTS`).
 const COARSE_POINTS: usize = 110;
 const MOVE_POINTS: usize = 360;
 const SCORE_POINTS: usize = 900;
-/// The number of points of the outline, or of the marks, for moving a start. The second constant is the number of
+/// Number of points of the outline, or of the marks, for moving a start. `SCORE_OUTLINE_POINTS` is the number of
 /// outline points for its score.
 const MOVE_LINE_POINTS: usize = 160;
 const SCORE_OUTLINE_POINTS: usize = 300;
-/// Largest accepted distance of the surfaces in the first evaluation, as a fraction of the panel's reach: the piece's
-/// normal is not precise.
+/// Maximum distance between the surfaces in the first evaluation, as a fraction of the panel's reach; wide, because the
+/// normal of the piece is not precise.
 const MAX_COARSE_DISTANCE_SHARE: f64 = 0.09;
-/// The number of rounds in which a start is moved; in each round the cutoff of the residuals is multiplied by the
-/// second constant.
+/// Number of iterations in which a start is moved; in each iteration the cutoff of the residuals is multiplied by
+/// `CUTOFF_FACTOR`.
 const ROUNDS: usize = 14;
 const CUTOFF_FACTOR: f64 = 0.82;
-/// First round of starts from marks: they are already near the result. The next constants are the cutoffs in the first
-/// round and their lower limits, for the surface and for the lines.
+/// First iteration for starts from marks, which are already near the result. The following constants are the cutoffs in
+/// the first iteration and their lower limits, for the surface (mm) and for the lines (blocks).
 const FIRST_MARK_ROUND: usize = 6;
 const FIRST_CUTOFF_MM: f64 = 20.0;
 const MIN_CUTOFF_MM: f64 = 2.0;
 const FIRST_CUTOFF_BLOCKS: f64 = 30.0;
 const MIN_CUTOFF_BLOCKS: f64 = 3.0;
-/// A taught point lies on the scan if its distance is at most this, mm.
+/// Maximum distance between a taught point and the scan, for the point to be on the scan, mm.
 const MAX_SURFACE_DISTANCE_MM: f64 = 1.5;
 /// Distance inside of the outline at which missing points are searched, mm.
 const OUTLINE_INSET_MM: f64 = 3.0;
-/// Smallest distance between two hypotheses that count as different, as a fraction of the panel's reach.
+/// Minimum distance between two different hypotheses, as a fraction of the panel's reach.
 const MIN_HYPOTHESIS_DISTANCE_SHARE: f64 = 0.06;
-/// Largest difference between the score of a hypothesis and the best one: with a larger difference it is dropped. The
-/// score is at most 3, or 4 with marks.
+/// Maximum difference between the score of a hypothesis and the best score; with a larger difference the hypothesis is
+/// dropped. The score is at most 3, or 4 with marks.
 const MAX_SCORE_LOSS: f64 = 1.2;
-/// The number of pose hypotheses that are kept; the second constant is their number if much of the taught panel is
-/// missing, so that pieces and borders carry less information.
+/// Maximum number of pose hypotheses; `MAX_PATCH_HYPOTHESES` is their number if much of the taught panel is missing, so
+/// that pieces and borders contain less information.
 const MAX_HYPOTHESES: usize = 5;
 const MAX_PATCH_HYPOTHESES: usize = 20;
-/// Smallest area of a piece that is a start by itself, as a fraction of the panel's area. The second constant is the
-/// smallest area of a piece that is a part of a start.
+/// Minimum area of a piece that is a start by itself, as a fraction of the panel's area. `MIN_PART_AREA_SHARE` is the
+/// minimum area of a piece that is joined with others to a start.
 const MIN_PIECE_AREA_SHARE: f64 = 0.3;
 const MIN_PART_AREA_SHARE: f64 = 0.05;
-/// Largest area of a piece relative to the panel's area: a larger piece is another object.
+/// Maximum area of a piece relative to the panel's area; a larger piece is another object.
 const MAX_PIECE_AREA_RATIO: f64 = 3.5;
 
 /// A pose hypothesis, with a score from −2 to 4 for its agreement with the scan.
@@ -81,22 +82,22 @@ pub(super) struct PoseHypothesis {
     pub score: f64,
 }
 
-/// The lines that constrain a start in the panel's plane.
+/// The lines that constrain a start in the plane of the panel.
 #[derive(Clone, Copy)]
 enum StartConstraint<'a> {
-    /// The piece's true border.
+    /// The true border of the piece.
     Border(&'a Border),
-    /// The borders of marks, which give more information if much of the panel gives no points.
+    /// The borders of marks, which give more information if much of the panel has no points.
     Marks(&'a MarkSteps),
 }
 
-/// A piece's true border, and, if marks are used, the steps of brightness beside it.
+/// The true border of a piece, and, if marks are used, the steps of brightness beside it.
 struct ConstraintLines<'a> {
     border: Border,
     steps: Option<&'a MarkSteps>,
 }
 
-/// Returns the number of hypotheses that are fitted.
+/// Returns the maximum number of hypotheses that are fitted.
 pub(super) fn fitted_hypotheses(model: &Model) -> usize {
     if model.has_missing_parts() { MAX_PATCH_HYPOTHESES } else { MAX_HYPOTHESES }
 }
@@ -128,12 +129,12 @@ pub(super) fn candidates(model: &Model, grid: &Grid, pieces: &[Piece]) -> Vec<Pi
     found
 }
 
-/// Returns the distance from the panel's middle to its farthest point, mm.
+/// Returns the distance from the centre of the panel to its farthest point, mm.
 pub(super) fn reach_mm(model: &Model) -> f64 {
     model.outline.iter().map(|sample| (sample.point - model.centre).norm()).fold(0.0, f64::max)
 }
 
-/// Returns the pose hypotheses that these pieces allow, best first, all different from each other.
+/// Returns the pose hypotheses from these pieces, the best first, all different from each other.
 pub(super) fn search(model: &Model, (grid, scan): (&Grid, &ColoredCloud), pieces: &[Piece]) -> Vec<PoseHypothesis> {
     let reach_mm = reach_mm(model);
     let mut found: Vec<PoseHypothesis> = Vec::new();
@@ -184,7 +185,7 @@ pub(super) fn search(model: &Model, (grid, scan): (&Grid, &ColoredCloud), pieces
     distinct
 }
 
-/// Returns the pose at one rotation about the piece's normal, with the shift at which the most taught points agree
+/// Returns the pose at one rotation about the normal of the piece, with the shift at which the most taught points agree
 /// with the scan.
 fn best_shift(model: &Model, grid: &Grid, piece: &Piece, turn: f64, reach_mm: f64) -> Option<Rigid<Camera, Panel>> {
     let rotation = align_normal(model, piece, turn);
@@ -217,15 +218,15 @@ fn best_shift(model: &Model, grid: &Grid, piece: &Piece, turn: f64, reach_mm: f6
     Some(centre_at(model, piece.centre + shift, &rotation))
 }
 
-/// Returns the rotation that aligns the taught panel's normal with the piece's normal, followed by this fraction of a
-/// full rotation about that normal.
+/// Returns the rotation that aligns the normal of the taught panel with the normal of the piece, followed by this
+/// fraction of a full rotation about this normal.
 fn align_normal(model: &Model, piece: &Piece, turn: f64) -> Rotation3<f64> {
     let upright = Rotation3::rotation_between(&model.normal, &piece.normal)
         .unwrap_or_else(|| Rotation3::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI));
     Rotation3::from_axis_angle(&Unit::new_normalize(piece.normal), turn * std::f64::consts::TAU) * upright
 }
 
-/// Returns the pose with this rotation that puts the panel's middle at `centre`.
+/// Returns the pose with this rotation that puts the centre of the panel at `centre`.
 fn centre_at(model: &Model, centre: Vector3<f64>, rotation: &Rotation3<f64>) -> Rigid<Camera, Panel> {
     let turn = UnitQuaternion::from_rotation_matrix(rotation);
     Rigid::from_isometry_unchecked(Isometry3::from_parts(
@@ -242,7 +243,7 @@ fn perpendicular_direction(direction: &Vector3<f64>) -> Vector3<f64> {
     direction.cross(&axis).normalize()
 }
 
-/// Moves a start onto the scan by surface and lines, in a fixed number of rounds, regardless of the residuals.
+/// Moves a start onto the scan by surface and lines, in a fixed number of iterations, regardless of the residuals.
 fn move_onto(
     start: Rigid<Camera, Panel>,
     model: &Model,
@@ -257,8 +258,8 @@ fn move_onto(
     let on_lines = spread_indices(count, MOVE_LINE_POINTS);
     let mut placed = start;
     for round in first_round..ROUNDS {
-        // The cutoff is wide in the first rounds, so that distant points attract the start; it is narrow in the last
-        // ones, so that other objects lose their influence.
+        // The cutoff is wide in the first iterations, so that distant points attract the start; it is narrow in the
+        // last iterations, so that other objects lose their influence.
         let shrunk = CUTOFF_FACTOR.powi(round as i32);
         let motion = RigidF32::from_rigid(&placed);
         let centre = motion.point(&model.centre);
@@ -284,8 +285,8 @@ fn surface_residuals(motion: &RigidF32, model: &Model, grid: &Grid, chosen: &[us
     chosen.iter().filter_map(|&sample| surface_residual(motion, model, grid, sample)).collect()
 }
 
-/// Computes (1) of `grid` at one taught point; `None` if the scan shows no smooth surface there, or the point faces
-/// away.
+/// Computes the residual (1) of `grid` at one taught point; `None` if the scan shows no smooth surface there, or the
+/// point faces away.
 pub(super) fn surface_residual(motion: &RigidF32, model: &Model, grid: &Grid, sample: usize) -> Option<Constraint> {
     let point = motion.point(&model.points[sample]);
     let normal = motion.turn * model.normals[sample];
@@ -298,8 +299,7 @@ pub(super) fn surface_residual(motion: &RigidF32, model: &Model, grid: &Grid, sa
     Some(Constraint { point, gradient: normal, residual, sample })
 }
 
-/// Returns the constraint by the distance at which a point of the outline lies outside of the nearest true border,
-/// blocks.
+/// Returns the constraint of an outline point: its distance outside of the nearest true border, blocks.
 fn outside_distance(
     motion: &RigidF32,
     model: &Model,
@@ -323,8 +323,8 @@ fn outside_distance(
     Some(Constraint { point, gradient, residual, sample: k })
 }
 
-/// Returns whether points are missing just inside of the outline, so that the scan does not show whether the panel
-/// ends here.
+/// Returns whether points are missing just inside of the outline, so that the scan does not show whether the panel ends
+/// here.
 fn is_unknown_inside(motion: &RigidF32, model: &Model, grid: &Grid, k: usize) -> bool {
     let sample = &model.outline[k];
     let inside = motion.point(&(sample.point - sample.outward_direction * OUTLINE_INSET_MM));
@@ -345,8 +345,8 @@ fn score(
     let chosen = spread_indices(model.points.len(), SCORE_POINTS);
     let of_point = |&i: &usize| match observe_point(&motion, model, grid, i) {
         PointObservation::On(_) => 1.0,
-        // This is twice the weight of a point that fits: a panel that is present cannot be seen through, while many
-        // surfaces fit by chance.
+        // This is twice the weight of a matching point: a panel that is present cannot be seen through, while many
+        // surfaces match by chance.
         PointObservation::Through => -2.0,
         PointObservation::Near | PointObservation::Hidden | PointObservation::Unknown => 0.0,
     };
@@ -356,7 +356,7 @@ fn score(
         outside_distance(&motion, model, grid, &lines.border, k).map_or(0.0, |at| {
             if at.residual.abs() <= MAX_BORDER_DISTANCE_BLOCKS {
                 1.0
-            // The panel may end here or have no points here: the point counts neither for nor against the pose.
+            // The panel may end here or have no points here: the point is evidence neither for nor against the pose.
             } else if model.has_missing_parts() && is_unknown_inside(&motion, model, grid, k) {
                 0.0
             } else if at.residual > 0.0 {
@@ -374,16 +374,16 @@ fn score(
 /// The observation of a taught point in a scan at a pose.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum PointObservation {
-    /// The scan has the point. The value is the point's distance in front of the scan along the normal, (1) of
+    /// The scan has the point. The value is the distance of the point in front of the scan along the normal, (1) of
     /// `grid`, mm.
     On(f64),
-    /// The scan has the point beside an edge or missing points, with a depth that is not precise.
+    /// The scan has the point beside an edge or missing points, with an imprecise depth.
     Near,
     /// The scan shows a surface behind the point: the panel is not there.
     Through,
-    /// A nearer object is seen, the point faces away, or it lies outside of the picture.
+    /// A nearer object is visible, the point faces away, or it is outside of the picture.
     Hidden,
-    /// Nothing was measured at this place.
+    /// The scan has no measured depth at the point.
     Unknown,
 }
 
@@ -429,19 +429,19 @@ pub(super) fn covered_share(motion: &RigidF32, model: &Model, grid: &Grid, piece
     held as f64 / asked.max(1) as f64
 }
 
-/// The number of marks that are searched at each shift; the second constant is that for each score.
+/// Number of marks that are searched at each shift; `SCORE_MARKS` is the number for each score.
 const COARSE_MARK_COUNT: usize = 100;
 const SCORE_MARKS: usize = 300;
-/// The largest shift of the panel to each side, as a fraction of its reach. The second constant is the step from one
-/// shift to the next, blocks.
+/// Maximum shift of the panel to each side, as a fraction of its reach. `MARK_SHIFT_STEP_BLOCKS` is the step between
+/// two shifts, blocks.
 const MAX_MARK_SHIFT_SHARE: f64 = 0.35;
 const MARK_SHIFT_STEP_BLOCKS: f64 = 3.0;
-/// A mark counts as found at a shift if it lies within this distance of a step, blocks.
+/// Maximum distance between a mark and a step of brightness, for the mark to be found at a shift, blocks.
 const MAX_MARK_DISTANCE_BLOCKS: f64 = 2.5;
-/// The number of starts that are used: those with the rotations at which the most marks are found.
+/// Maximum number of starts: those with the rotations at which the most marks are found.
 const MAX_STARTS: usize = 8;
 
-/// Returns the constraint by the distance of a mark from the nearest step of brightness, towards its brighter side,
+/// Returns the constraint of a mark: its distance from the nearest step of brightness, towards its brighter side,
 /// blocks.
 fn mark_distance(motion: &RigidF32, model: &Model, grid: &Grid, steps: &MarkSteps, k: usize) -> Option<Constraint> {
     let mark = &model.marks.points[k];
@@ -460,7 +460,7 @@ fn mark_distance(motion: &RigidF32, model: &Model, grid: &Grid, steps: &MarkStep
     Some(Constraint { point, gradient, residual, sample: k })
 }
 
-/// Returns the fraction of the marks that lie on a step of brightness; 0 if marks are not used.
+/// Returns the fraction of the marks that are on a step of brightness; 0 if marks are not used.
 fn marks_found(motion: &RigidF32, model: &Model, grid: &Grid, steps: Option<&MarkSteps>) -> f64 {
     let Some(steps) = steps else { return 0.0 };
     let is_on = |k: &usize| {
@@ -471,7 +471,7 @@ fn marks_found(motion: &RigidF32, model: &Model, grid: &Grid, steps: Option<&Mar
     chosen.iter().filter(|k| is_on(k)).count() as f64 / chosen.len().max(1) as f64
 }
 
-/// Returns for the best of these rotations the position of the panel's middle at which the most marks are found, and
+/// For the best of these rotations, returns the position of the panel's centre at which the most marks are found, and
 /// the rotation.
 fn start_positions(
     model: &Model,
@@ -491,8 +491,8 @@ fn start_positions(
     found.into_iter().map(|(_, centre, rotation)| (centre, rotation)).collect()
 }
 
-/// A mark with the panel's middle on the piece's middle: its place, its displacement if the panel is shifted by one
-/// millimetre to the right or up, and the direction in which it becomes brighter.
+/// A mark with the centre of the panel at the centre of the piece: its position, its displacement if the panel is
+/// shifted by one millimetre to the right or up, and the direction of increasing brightness.
 struct ShiftedMark {
     place: Vector2<f64>,
     right: Vector2<f64>,
@@ -500,7 +500,7 @@ struct ShiftedMark {
     brighter: Vector2<f64>,
 }
 
-/// Returns the number of marks found at the best shift in the piece's plane, and this shift, mm.
+/// Returns the number of marks that are found at the best shift in the plane of the piece, and this shift, mm.
 fn best_mark_shift(
     model: &Model,
     (grid, steps): (&Grid, &MarkSteps),

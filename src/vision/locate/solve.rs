@@ -1,39 +1,39 @@
-//! One Gauss–Newton step for all constraints of the panel: its surface and its outline.
+//! One Gauss–Newton step for all constraints of the panel: its surface, its outline and its marks.
 //!
-//! A constraint is a small signed residual r of a point p of the panel along a gradient g: along the surface's normal,
-//! in mm, or across the outline in the picture, in px. A twist ξ = (ω, v) about the centre c moves p by ω × (p − c) +
-//! v, so that
+//! A constraint is a small signed residual r of a point p of the panel along a gradient g: along the normal of the
+//! surface, in mm, or across the outline in the picture, in px. A twist ξ = (ω, v) about the centre c moves p by ω × (p
+//! − c) + v, so that
 //!     J = [ ((p − c) × g)ᵀ  gᵀ ],   (Σ w JᵀJ) ξ = −Σ w Jᵀ r.                                              (1)
-//! Weights are Tukey's (Beaton & Tukey, Technometrics 16, 1974), divided by the variance of a constraint and by the
-//! number of neighbours that share one error with it. Sums are calculated over fixed chunks in their order, so that
-//! they are bit-identical for any number of threads.
+//! The weights are Tukey's (Beaton & Tukey, Technometrics 16, 1974), divided by the variance of a constraint and by the
+//! number of neighbours with a common error. Sums are calculated over fixed chunks in their order, so that they are
+//! bit-identical for any number of threads.
 
 use nalgebra::{Isometry3, Matrix6, Translation3, UnitQuaternion, Vector3, Vector6};
 use panelprep_base::geometry::statistics::SIGMA_OF_MEDIAN;
 use panelprep_base::geometry::{Camera, Panel, Rigid, median};
 use rayon::prelude::*;
 
-/// The number of constraints that one task sums.
+/// Number of constraints that one task sums.
 const CHUNK_SIZE: usize = 1_024;
-/// The smallest accepted conditioning of each component of the twist: the ratio of its information if the other
-/// components are unknown to its information if they are known.
+/// Minimum conditioning of each component of the twist: the ratio of its information if the other components are
+/// unknown to its information if they are known.
 const MIN_CONDITION: f64 = 1e-9;
 
-/// One residual and its gradient.
+/// A residual with its gradient.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Constraint {
-    /// The point in the camera's frame, mm.
+    /// The point in the camera frame, mm.
     pub point: Vector3<f64>,
-    /// The gradient of the residual with respect to the point's position, per mm.
+    /// Gradient of the residual with respect to the position of the point, per mm.
     pub gradient: Vector3<f64>,
     /// The residual.
     pub residual: f64,
-    /// The taught sample to which the constraint belongs.
+    /// Index of the taught sample of the constraint.
     pub sample: usize,
 }
 
 impl Constraint {
-    /// Returns J of (1).
+    /// Returns the Jacobian J of (1).
     pub fn jacobian(&self, centre: &Vector3<f64>) -> Vector6<f64> {
         let arm = (self.point - centre).cross(&self.gradient);
         let g = self.gradient;
@@ -46,9 +46,9 @@ impl Constraint {
 pub(super) struct ResidualWeighting {
     /// Standard deviation of a residual.
     pub sigma: f64,
-    /// The number of neighbours whose errors are correlated.
+    /// Number of neighbours whose errors are correlated.
     pub correlated_count: f64,
-    /// Residuals larger than this have no weight.
+    /// Cutoff: larger residuals have no weight.
     pub cutoff: f64,
 }
 
@@ -97,8 +97,8 @@ impl ResidualSums {
         if constraints.len() <= CHUNK_SIZE {
             return chunk(constraints);
         }
-        // The parts are collected and then added in order: a sum of floating-point numbers must not depend on which
-        // thread is first, or a replay would differ.
+        // The partial sums are collected and then added in order: a sum of floating-point numbers must not depend on
+        // which thread is first, or a replay would differ.
         constraints
             .par_chunks(CHUNK_SIZE)
             .map(chunk)
@@ -114,8 +114,8 @@ impl ResidualSums {
     /// Returns the twist of (1); `None` if a direction is unconstrained.
     pub fn twist(&self) -> Option<Vector6<f64>> {
         let inverse = self.information.try_inverse()?;
-        // By rounding alone a matrix can have an inverse; a direction without information must be reported as such, and
-        // not give a huge step.
+        // By rounding alone a matrix can have an inverse; a direction without information must be reported as
+        // unconstrained, and not give a huge step.
         let held = (0..6).all(|i| 1.0 / inverse[(i, i)] > MIN_CONDITION * self.information[(i, i)]);
         let cholesky = held.then(|| self.information.cholesky()).flatten()?;
         let twist = -cholesky.solve(&self.gradient);
@@ -126,13 +126,13 @@ impl ResidualSums {
 const ZERO_6: nalgebra::ArrayStorage<f64, 6, 6> = nalgebra::ArrayStorage([[0.0; 6]; 6]);
 const ZERO_1: Vector6<f64> = Vector6::from_array_storage(nalgebra::ArrayStorage([[0.0; 6]]));
 
-/// Returns the median absolute residual, scaled to a normal distribution's standard deviation.
+/// Returns the median absolute residual, scaled to the standard deviation of a normal distribution.
 pub(super) fn spread(constraints: &[Constraint]) -> f64 {
     let mut sizes: Vec<f64> = constraints.iter().map(|constraint| constraint.residual.abs()).collect();
     SIGMA_OF_MEDIAN * median(&mut sizes).unwrap_or(0.0)
 }
 
-/// Applies a small rotation about a point and a small shift to the transform, both in the camera's frame.
+/// Applies a small rotation about a point and a small shift to the transform, both in the camera frame.
 pub(super) fn apply_twist(
     camera_from_panel: &Rigid<Camera, Panel>,
     centre: &Vector3<f64>,
@@ -140,8 +140,8 @@ pub(super) fn apply_twist(
 ) -> Rigid<Camera, Panel> {
     let turn = UnitQuaternion::from_scaled_axis(Vector3::new(twist[0], twist[1], twist[2]));
     let shift = Vector3::new(twist[3], twist[4], twist[5]);
-    // The rotation is about the panel's middle and not about the camera: otherwise a small rotation would also shift
-    // the panel by metres times its angle, and the two could hardly be separated.
+    // The rotation is about the centre of the panel and not about the camera: otherwise a small rotation would also
+    // shift the panel by metres times its angle, and the two could hardly be separated.
     let moved: Rigid<Camera, Camera> = Rigid::from_isometry_unchecked(Isometry3::from_parts(
         Translation3::from(centre + shift - turn * centre),
         turn,
@@ -155,8 +155,8 @@ mod tests {
 
     const WEIGHING: ResidualWeighting = ResidualWeighting { sigma: 0.1, correlated_count: 1.0, cutoff: 1e9 };
 
-    /// By hand: rotated by 0.001 rad about z at (560, 0, 700), a point with an offset of 100 mm in y moves by −0.1
-    /// mm in x.
+    /// Expected value, calculated by hand: rotated by 0.001 rad about z at (560, 0, 700), a point with an offset of 100
+    /// mm in y moves by −0.1 mm in x.
     #[test]
     fn a_twist_rotates_about_the_centre() {
         let twist = Vector6::new(0.0, 0.0, 0.001, 0.0, 0.0, 0.5);
@@ -166,8 +166,8 @@ mod tests {
         assert!((point - Vector3::new(559.9, 100.0, 700.5)).norm() < 1e-4, "{point}");
     }
 
-    /// A plane of 5 × 5 points, moved by a known twist. If the outline constrains the plane sideways, (1) undoes
-    /// the twist in one step; without an outline, (1) reports a free direction.
+    /// A plane of 5 × 5 points, moved by a known twist. If the outline constrains the plane sideways, (1) inverts the
+    /// twist in one step; without an outline, (1) reports a free direction.
     #[test]
     fn one_step_undoes_a_small_twist() {
         let centre = Vector3::new(20.0, -10.0, 700.0);
@@ -190,7 +190,8 @@ mod tests {
         assert_eq!(of_surface.twist(), None);
     }
 
-    /// By hand: at half of its cutoff a residual has (1 − ¼)² = 0.5625 of its weight; at the cutoff it has none.
+    /// Expected values, calculated by hand: at half of its cutoff a residual has (1 − ¼)² = 0.5625 of its weight; at
+    /// the cutoff it has no weight.
     #[test]
     fn far_residuals_have_no_weight() {
         let weighing = ResidualWeighting { sigma: 0.5, correlated_count: 4.0, cutoff: 2.0 };

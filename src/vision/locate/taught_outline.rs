@@ -1,13 +1,12 @@
-//! The surface of the taught panel, block by block of its grid (a point, a normal and an area for each), and its
-//! outline.
+//! The surface of the taught panel (a point, a normal and an area for each block of its grid), and its outline.
 //!
 //! The edge in the taught picture is located to a fraction of a pixel. The taught outline in space consists of the
 //! points at which rays through this edge meet the surface beside it.
 //!
-//! The contour of the scan's points runs close to the edge. The colour picture gives the exact edge; if colour shows no
+//! The contour of the scanned points is close to the edge. The colour picture gives the exact edge; if colour shows no
 //! edge, the border of the points is used instead. Beside an outline that a person drew, the edge is searched as in a
-//! scan that is being located (`edges`). A place at which neither colour nor depth shows the edge is not measured and
-//! not used. Places at which the panel is held are not used either.
+//! scan that is being located (`edges`). A point at which neither colour nor depth shows the edge is not measured and
+//! not used. Points at which the panel is held are not used either.
 
 use super::edges;
 use super::edges::EdgeReading;
@@ -17,26 +16,26 @@ use panelprep_base::geometry::{Camera, Pixel, median, polygon};
 use panelprep_cell::panel::{OutlineFrom, TaughtPanel};
 use rayon::prelude::*;
 
-/// Half the width of the neighbourhood that determines a normal, blocks.
+/// Half width of the neighbourhood that determines a normal, blocks.
 const NORMAL_REACH_BLOCKS: usize = 2;
-/// Largest distance of the blocks to which the surface at an edge is fitted, blocks. The next constants are the
-/// smallest number of these blocks, and the largest distance of the nearest one.
+/// Maximum distance of the blocks to which the surface at an edge is fitted, blocks. `MIN_FIT_BLOCKS` is the minimum
+/// number of these blocks, and `MAX_NEAREST_DISTANCE_BLOCKS` the maximum distance of the nearest one.
 const MAX_FIT_DISTANCE_BLOCKS: isize = 7;
 const MIN_FIT_BLOCKS: usize = 25;
 const MAX_NEAREST_DISTANCE_BLOCKS: f64 = 4.0;
 
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sample {
-    /// The point in the camera's frame.
+    /// The point in the camera frame, mm.
     pub point: Vector3<f64>,
     pub normal: Vector3<f64>,
     pub area_mm2: f64,
 }
 
-/// The surface block by block.
+/// The samples of the surface, block by block.
 pub(super) struct Surface {
     pub samples: Vec<Sample>,
-    /// Index of each block's sample.
+    /// For each block, the index of its sample.
     of_block: Vec<Option<u32>>,
 }
 
@@ -63,8 +62,8 @@ impl Surface {
         surface
     }
 
-    /// Returns depth and normal of the surface at a place beside the measured blocks. The inverse depth is extrapolated
-    /// as a second-order polynomial, because a plane alone would deviate from a bent surface systematically.
+    /// Returns depth and normal of the surface at a pixel beside the measured blocks. The inverse depth is extrapolated
+    /// as a second-order polynomial, because a plane would deviate systematically from a bent surface.
     pub fn extrapolate(&self, grid: &Grid, pixel: Pixel) -> Option<(f64, Vector3<f64>)> {
         let [x, y] = grid.block_position(pixel);
         let (column, row) = (x.round() as isize, y.round() as isize);
@@ -96,7 +95,7 @@ impl Surface {
     }
 }
 
-/// Fits the plane through a block's neighbours: least squares of the points over columns and rows.
+/// Fits a plane to the neighbours of a block: least squares of the points over columns and rows.
 fn tangent(grid: &Grid, points: &[Option<Vector3<f64>>], index: usize, middle: Vector3<f64>) -> Option<Sample> {
     let (column, row) = (index % grid.columns, index / grid.columns);
     let mut squares = Matrix3::zeros();
@@ -127,31 +126,30 @@ fn tangent(grid: &Grid, points: &[Option<Vector3<f64>>], index: usize, middle: V
     Some(Sample { point: middle, normal, area_mm2: across.norm() })
 }
 
-/// Half the length of the contour over which its place and direction are averaged, px.
+/// Half length of the contour over which its position and direction are averaged, px.
 const CONTOUR_REACH_PX: usize = 5;
-/// Distance between the outline's points along the contour, px.
+/// Distance between the points of the outline along the contour, px.
 const CONTOUR_STEP_PX: usize = 2;
-/// Distance of the mask's border from the edge inwards, px: pixels that show the panel on only half of their area have
-/// no point.
+/// Distance of the mask's border from the edge inwards, px: pixels of which the panel covers only half have no point.
 const MASK_INSET_PX: f64 = 1.0;
-/// Smallest distance between a place of the contour and a held place, px: the mean of a nearer place includes held
+/// Minimum distance between a point of the contour and a holder, px: the mean position of a nearer point includes held
 /// pixels.
 const MIN_HELD_DISTANCE_PX: f64 = (CONTOUR_REACH_PX + 1) as f64;
 /// Number of points to each side that determine the direction of the outline.
 const DIRECTION_POINTS: usize = 3;
-/// Smallest number of outline points that determine the panel's pose.
+/// Minimum number of outline points that determine the pose of the panel.
 pub(super) const MIN_OUTLINE_POINTS: usize = 60;
 
 /// A point of the outline.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct OutlinePoint {
-    /// The position of the point in the panel's frame, mm.
+    /// Position of the point in the panel frame, mm.
     pub point: Vector3<f64>,
-    /// The direction along the outline.
+    /// Unit vector along the outline.
     pub outline_direction: Vector3<f64>,
-    /// The surface's normal beside the outline.
+    /// Normal of the surface beside the outline.
     pub normal: Vector3<f64>,
-    /// The direction in the surface that leads off the panel.
+    /// Unit vector in the surface that points off the panel.
     pub outward_direction: Vector3<f64>,
     /// Length of outline that this point represents, mm.
     pub length_mm: f64,
@@ -162,9 +160,9 @@ pub(super) struct OutlinePoint {
 /// The evidence for the taught outline: fractions of its points, 0…1.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OutlineEvidence {
-    /// Fraction of the points whose edge is seen by colour.
+    /// Fraction of the points whose edge is visible by colour.
     pub by_colour: f64,
-    /// Fraction of the points whose edge is seen by depth alone.
+    /// Fraction of the points whose edge is visible only by depth.
     pub by_depth: f64,
     /// Fraction of the points at which the panel is held.
     pub held: f64,
@@ -183,7 +181,7 @@ pub(super) struct TaughtOutline {
 /// An edge beside a point of the contour.
 #[derive(Clone, Copy)]
 struct EdgePoint {
-    /// The point in the camera's frame.
+    /// The point in the camera frame, mm.
     point: Vector3<f64>,
     normal: Vector3<f64>,
     /// Width of the edge, px, if colour shows it.
@@ -195,14 +193,14 @@ struct OutlineContext<'a> {
     panel: &'a TaughtPanel,
     grid: &'a Grid,
     surface: &'a Surface,
-    /// The taught scan in its camera's frame; `None` if no person drew the outline.
+    /// The taught scan in its camera frame; `None` if no person drew the outline.
     scan: Option<ColoredCloud>,
-    /// Positive if the contour runs clockwise on a screen.
+    /// Positive if the contour is clockwise on a screen.
     side: f64,
 }
 
 impl TaughtOutline {
-    /// Finds the outline of a taught panel with these depths and this surface.
+    /// Detects the outline of a taught panel with these depths and this surface.
     pub fn detect(panel: &TaughtPanel, grid: &Grid, surface: &Surface) -> TaughtOutline {
         let contour = &panel.outline_px;
         if contour.len() < 8 * CONTOUR_REACH_PX {
@@ -215,7 +213,7 @@ impl TaughtOutline {
         let steps = contour.len().div_ceil(CONTOUR_STEP_PX);
         let is_held: Vec<bool> =
             (0..steps).map(|k| panel.is_held_near(contour[k * CONTOUR_STEP_PX], MIN_HELD_DISTANCE_PX)).collect();
-        // Beside a held segment, the direction would be computed across that segment: such points are not used.
+        // Beside a held segment, the direction would be computed across this segment, so the points there are not used.
         let is_used = |k: usize| {
             (k + steps - DIRECTION_POINTS..=k + steps + DIRECTION_POINTS).all(|near| !is_held[near % steps])
         };
@@ -249,8 +247,8 @@ impl TaughtOutline {
 }
 
 impl OutlineContext<'_> {
-    /// Returns the mean position of the contour around a point, and the unit vector in the picture that leads off
-    /// the panel there.
+    /// Returns the mean position of the contour around a point, and the unit vector in the picture that points off the
+    /// panel there.
     fn contour_position_and_normal(&self, k: usize) -> Option<(Pixel, Vector2<f64>)> {
         let contour = &self.panel.outline_px;
         let count = contour.len();
@@ -270,7 +268,7 @@ impl OutlineContext<'_> {
         (length > 1e-6).then(|| (Pixel::at(u, v), outward()))
     }
 
-    /// Finds the edge beside a place of the contour, on the surface; `None` if no surface was measured there, or if
+    /// Finds the edge beside a point of the contour, on the surface. `None` if no surface was measured there, or if
     /// neither colour nor depth shows an edge at a line that a person drew.
     fn edge(&self, k: usize) -> Option<EdgePoint> {
         let (middle, outward) = self.contour_position_and_normal(k)?;
@@ -294,15 +292,15 @@ impl OutlineContext<'_> {
         edges::step(&line, expected_px)
     }
 
-    /// Returns the distance from the border of the scan's points outwards to the edge, px, and the edge's width if
-    /// colour shows it.
+    /// Returns the distance from the border of the scanned points outwards to the edge, px, and the width of the edge
+    /// if colour shows it.
     fn border_edge_distance(&self, middle: Pixel, outward: Vector2<f64>) -> (f64, Option<f64>) {
         let step = self.step(middle, outward, MASK_INSET_PX);
         (step.map_or(MASK_INSET_PX, |step| step.offset_px), step.map(|step| step.width_px))
     }
 
-    /// Returns the distance from a line that a person drew outwards to the edge that the scan shows beside it, px, and
-    /// the edge's width if colour shows it.
+    /// Returns the distance from a line that a person drew outwards to the edge beside it in the scan, px, and the
+    /// width of the edge if colour shows it.
     fn line_edge_distance(
         &self,
         scan: &ColoredCloud,
@@ -313,7 +311,7 @@ impl OutlineContext<'_> {
         match edges::find_edge(&self.panel.camera, scan, (middle, outward), (&point, &normal)) {
             EdgeReading::Colour { offset_px, width_px } => Some((offset_px, Some(width_px))),
             EdgeReading::Depth { offset_px } => Some((offset_px, None)),
-            // If another object continues in the panel's own plane, depth shows no edge, but colour may show one.
+            // If another object continues in the plane of the panel, depth shows no edge, but colour may show one.
             EdgeReading::Absent => {
                 self.step(middle, outward, 0.0).map(|step| (step.offset_px, Some(step.width_px)))
             }
@@ -333,7 +331,7 @@ impl OutlineContext<'_> {
         let (next, last) = (edges[(k + 1) % count].point, edges[(k + count - 1) % count].point);
         let apart_mm = ((next - here).norm() + (last - here).norm()) / 2.0;
         let along = (along - normal * normal.dot(&along)).try_normalize(1e-9)?;
-        // In the camera's frame, y also points down, so the side is the same.
+        // In the camera frame, y also points down, so the side is the same.
         let outward = along.cross(&normal) * -self.side;
         let panel_from_camera = RigidF32::from_rigid(&self.panel.panel_from_camera);
         let turned = |direction: Vector3<f64>| panel_from_camera.turn * direction;

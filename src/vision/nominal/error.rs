@@ -11,9 +11,9 @@ const MAX_LISTED: usize = 12;
 pub struct ListedPart {
     /// Its name.
     pub name: String,
-    /// The sides of its box, mm.
+    /// Side lengths of the bounding box, mm.
     pub size_mm: [f64; 3],
-    /// The area of its surface, mm².
+    /// Surface area, mm².
     pub area_mm2: f64,
 }
 
@@ -23,7 +23,7 @@ pub enum NominalError {
     /// Neither the file nor the caller states the unit.
     #[error("the file states no unit, and --unit was not given: the drawing would be {}; state the unit", sizes(*size))]
     NoUnit {
-        /// The sides of its box, in the file's numbers.
+        /// Side lengths of the bounding box, in the unit of the file.
         size: [f64; 3],
     },
     /// The file and the caller state different units.
@@ -34,22 +34,22 @@ pub enum NominalError {
         /// The unit of the command line.
         given: LengthUnit,
     },
-    /// A drawing that is larger than any panel, or far from its own origin.
+    /// The drawing is larger than any panel, or far from its own origin.
     #[error(
         "the size of the drawing is {} mm, and it extends {} mm from its origin (limits {} mm and {} mm): check \
          --unit, or export the panel alone, in its own frame", size(*size_mm), fixed_decimals(*reach_mm, 0), fixed_decimals(*limit_mm, 0), fixed_decimals(*reach_limit_mm, 0)
     )]
     TooLarge {
-        /// The sides of its box, mm.
+        /// Side lengths of the bounding box, mm.
         size_mm: [f64; 3],
-        /// The limit of the size, mm.
+        /// Maximum side length, mm.
         limit_mm: f64,
-        /// The largest absolute coordinate, mm.
+        /// Maximum absolute coordinate, mm.
         reach_mm: f64,
         /// Its limit, mm.
         reach_limit_mm: f64,
     },
-    /// There are several parts, and none was chosen.
+    /// There are several parts, and none was selected.
     #[error("the drawing has {} parts that do not touch: {}; name the panel with --part NAME", parts.len(), list(parts))]
     SeveralParts {
         /// All parts, the largest first.
@@ -64,7 +64,7 @@ pub enum NominalError {
     NothingLeft {
         /// The distance, mm.
         weld_mm: f64,
-        /// The sides of the drawing's box, mm.
+        /// Side lengths of the bounding box, mm.
         size_mm: [f64; 3],
     },
     /// No part has this name.
@@ -75,31 +75,31 @@ pub enum NominalError {
         /// All parts, the largest first.
         parts: Vec<ListedPart>,
     },
-    /// Edges at which three or more triangles meet.
+    /// Three or more triangles meet at one edge.
     #[error(
         "three or more faces meet at {count} edges of the part, the first near {} mm of the drawing: bodies are joined there, or a face \
          exists twice; export the panel alone, as one body", format_point(*at_mm)
     )]
     ManyFaces {
-        /// Number of such edges.
+        /// Number of these edges.
         count: usize,
-        /// The middle of the first edge, in the drawing's frame, mm.
+        /// Centre of the first edge in the drawing frame, mm.
         at_mm: [f64; 3],
     },
-    /// The borders of two faces lie beside each other, but do not meet.
+    /// The borders of two faces are beside each other, but do not meet.
     #[error(
         "the faces of the part do not meet: a gap of {} mm near {} mm of the drawing (limit {} mm), at {count} edges; sew the \
          faces in the CAD system before the export, or export with a smaller deviation",
         distinguishable_texts(*width_mm, *limit_mm, 3)[0], format_point(*at_mm), distinguishable_texts(*width_mm, *limit_mm, 3)[1]
     )]
     Gap {
-        /// The width of the widest gap, mm.
+        /// Width of the widest gap, mm.
         width_mm: f64,
         /// The limit, mm.
         limit_mm: f64,
-        /// The position of this gap, in the drawing's frame, mm.
+        /// Position of the widest gap in the drawing frame, mm.
         at_mm: [f64; 3],
-        /// Number of edges at such gaps.
+        /// Number of edges at gaps.
         count: usize,
     },
     /// The surface passes through itself.
@@ -110,20 +110,20 @@ pub enum NominalError {
     CrossesItself {
         /// Number of edges that pass through a face.
         count: usize,
-        /// The first position, in the drawing's frame, mm.
+        /// First position in the drawing frame, mm.
         at_mm: [f64; 3],
     },
-    /// The drawing does not lie in the box in which the panel is searched for.
+    /// The drawing is not in the search box.
     #[error(
         "the drawing at its nominal pose lies from {} to {} mm in the robot's base, but the search box in [locate] \
          from {} to {} mm; check the unit, [nominal], and the box", format_point(*min_mm), format_point(*max_mm), format_point(*from_mm), format_point(*to_mm)
     )]
     OutsideSearchBox {
-        /// Low corner of the drawing's box in the base, mm.
+        /// Lower corner of the drawing's bounding box in the base frame, mm.
         min_mm: [f64; 3],
         /// High corner.
         max_mm: [f64; 3],
-        /// Low corner of the search box, mm.
+        /// Lower corner of the search box, mm.
         from_mm: [f64; 3],
         /// High corner.
         to_mm: [f64; 3],
@@ -134,12 +134,12 @@ pub enum NominalError {
          robot's base; check the unit and [nominal] base_from_drawing or its datum points", format_point(*min_mm), format_point(*max_mm)
     )]
     NotSeen {
-        /// Low corner of the drawing's box in the base, mm.
+        /// Lower corner of the drawing's bounding box in the base frame, mm.
         min_mm: [f64; 3],
         /// High corner.
         max_mm: [f64; 3],
     },
-    /// The lens has no ray for a pixel.
+    /// The lens model has no ray for a pixel.
     #[error("the camera's lens calibration has no ray for the pixel ({u}, {v}); calibrate the lens again")]
     NoRay {
         /// Column, px.

@@ -1,22 +1,22 @@
-//! The part of a drawing that is the panel, in mm: its unit is known, and it is the only part or was chosen by name.
-//! Also whether its triangles form one surface without gaps, and how fine they are.
+//! The part of a drawing that is the panel, in mm: its unit is known, and it is the only part or was selected by name.
+//! The module also checks whether its triangles form one surface without gaps, and how fine they are.
 //!
-//! A part is a connected component of one object of the file: its triangles share vertices. Vertices of one object that
-//! are nearer to each other than [`WELD_MM`] count as one vertex.
+//! A part is a connected component of one object of the file: its triangles have common vertices. Vertices of one
+//! object that are nearer to each other than [`WELD_MM`] are treated as one vertex.
 //!
 //! An edge with one triangle is a border: of the panel, of a hole, or of a gap between faces that should meet. At a
-//! gap, two borders run beside each other.
+//! gap, two borders are beside each other.
 
 use super::error::{ListedPart, NominalError};
 use nalgebra::{Point3, Vector3};
 use panelprep_base::geometry::{Base, Drawing, LengthUnit, Point, Rigid, TriangleMesh};
 use std::collections::HashMap;
 
-/// Vertices of one object within this distance are joined to one vertex, mm: it is below the rounding of an exported
+/// Maximum distance between vertices of one object that are joined to one vertex, mm; below the rounding of an exported
 /// number.
 const WELD_MM: f64 = 0.002;
-/// Maximum side of the box around a panel, mm. `MAX_REACH_MM` is the maximum coordinate: the origin of an aircraft's
-/// frame is nearer than this.
+/// Maximum side of the bounding box of a panel, mm. `MAX_REACH_MM` is the maximum coordinate: the origin of an
+/// aircraft's frame is nearer than this.
 const MAX_SIZE_MM: f64 = 20_000.0;
 const MAX_REACH_MM: f64 = 200_000.0;
 /// Maximum ratio of a side of the part to that of the search box; beyond it, the part has another unit, since all units
@@ -28,19 +28,19 @@ const CELL_WELD_DISTANCES: f64 = 16.0;
 /// One part of a drawing.
 #[derive(Debug, Clone)]
 pub struct Part {
-    /// Its name, by which it can be chosen.
+    /// Name of the part, by which it can be selected.
     pub name: String,
-    /// The vertices in the drawing's frame, mm.
+    /// The vertices in the drawing frame, mm.
     pub vertices: Vec<Point3<f64>>,
     /// Three vertices each.
     pub triangles: Vec<[u32; 3]>,
 }
 
 impl Part {
-    /// Returns the panel's part of a drawing.
+    /// Selects the part of a drawing that is the panel.
     ///
     /// # Errors
-    /// If the unit is not known or contradictory, no part has this name, or there are several parts and no name.
+    /// If the unit is unknown or contradictory, no part has this name, or there are several parts and no name.
     pub fn choose(mesh: TriangleMesh, unit: Option<LengthUnit>, name: Option<&str>) -> Result<Part, NominalError> {
         let unit = match (mesh.unit, unit) {
             (Some(stated), Some(given)) if stated != given => {
@@ -73,7 +73,7 @@ impl Part {
         }
     }
 
-    /// Returns the corners of the box around the part at its nominal pose with the smallest and the largest
+    /// Returns the corners of the bounding box of the part at its nominal pose with the smallest and the largest
     /// coordinates, mm.
     pub fn box_mm(&self, base_from_drawing: &Rigid<Base, Drawing>) -> [[f64; 3]; 2] {
         let placed = |vertex: &Point3<f64>| (*base_from_drawing * Point::<Drawing>::new(*vertex)).mm;
@@ -81,11 +81,10 @@ impl Part {
         [low.into(), high.into()]
     }
 
-    /// Checks that the part lies in the search box; the box may cut off a part of it.
+    /// Checks that the part is in the search box; a part of it may be outside.
     ///
     /// # Errors
-    /// If its middle lies outside of the box, or a side is more than [`MAX_BOX_RATIO`] times as long as that of the
-    /// box.
+    /// If its centre is outside of the box, or a side is more than [`MAX_BOX_RATIO`] times as long as that of the box.
     pub fn check_in_search_box(
         &self,
         base_from_drawing: &Rigid<Base, Drawing>,
@@ -104,7 +103,7 @@ impl Part {
         }
     }
 
-    /// Returns the area of the part's surface, mm².
+    /// Returns the surface area of the part, mm².
     pub fn area_mm2(&self) -> f64 {
         self.triangles.iter().map(|triangle| self.area_vector(triangle).norm()).sum()
     }
@@ -121,7 +120,7 @@ impl Part {
     }
 }
 
-/// Returns the corners of the box around points with the smallest and the largest coordinates.
+/// Returns the corners of the bounding box of points with the smallest and the largest coordinates.
 pub(super) fn bounds(points: impl Iterator<Item = Point3<f64>>) -> (Point3<f64>, Point3<f64>) {
     let start = (Point3::from([f64::INFINITY; 3]), Point3::from([f64::NEG_INFINITY; 3]));
     points.fold(start, |(low, high), point| (low.inf(&point), high.sup(&point)))
@@ -158,7 +157,7 @@ fn parts(mesh: &TriangleMesh, unit: LengthUnit) -> Vec<Part> {
         });
         let mut of_root: HashMap<u32, usize> = HashMap::new();
         let first = parts.len();
-        // The index of each vertex in its part.
+        // For each vertex, its index in its part.
         let mut index_in_part: Vec<u32> = vec![u32::MAX; vertices.len()];
         for triangle in triangles {
             let at = *of_root.entry(pieces.root(triangle[0])).or_insert_with(|| {
@@ -180,8 +179,8 @@ fn parts(mesh: &TriangleMesh, unit: LengthUnit) -> Vec<Part> {
     parts
 }
 
-/// Returns an object's vertices in mm, with near ones joined, and its triangles without those that then have no area.
-/// `new_index` has one `u32::MAX` for each vertex of the mesh.
+/// Returns the vertices of an object in mm, with near ones joined, and its triangles without those that then have no
+/// area. `new_index` has one `u32::MAX` for each vertex of the mesh.
 fn weld_vertices(
     mesh: &TriangleMesh,
     triangles: &[[u32; 3]],
@@ -242,24 +241,24 @@ impl VertexUnion {
     }
 }
 
-/// Maximum distance of two borders beside each other that form a gap, mm: about a pixel of a scan. Borders farther
-/// apart are a slot of the panel.
+/// Maximum distance between two borders that form a gap, mm: about a pixel of a scan. Borders farther apart are a slot
+/// of the panel.
 const MAX_GAP_MM: f64 = 0.5;
 /// Minimum width of a gap that is refused, mm; a narrower gap hides less than a tenth of a pixel.
 pub const HARMLESS_GAP_MM: f64 = 0.05;
 /// Cosine of the maximum angle between two borders of a gap.
 const MIN_PARALLEL_COSINE: f64 = 0.97;
 /// Maximum angle between faces that approximate a curved surface, rad; faces at a larger angle meet at an edge of the
-/// panel. A real edge with a smaller angle counts as coarse triangles, which a person reviews.
+/// panel. A real edge with a smaller angle is treated as coarse triangles, which a person reviews.
 const MAX_SMOOTH_ANGLE_RAD: f64 = 0.55;
 
 /// The edges of a part.
 pub struct PartEdges {
     /// Each edge once, by its two vertices.
     pub all: Vec<[u32; 2]>,
-    /// The edges with one triangle; none if the part is watertight.
+    /// The edges with one triangle; empty if the part is watertight.
     pub borders: Vec<[u32; 2]>,
-    /// The largest approximate distance of the triangles from the curved surface that they replace, mm.
+    /// Maximum approximate distance of the triangles from the curved surface that they replace, mm.
     pub facet_error_mm: f64,
 }
 
@@ -318,7 +317,7 @@ fn facet_error_mm(part: &Part, edge: [u32; 2], triangles: [u32; 2]) -> f64 {
     angle_rad * width_mm / 8.0
 }
 
-/// Refuses gaps: borders beside each other.
+/// Refuses a part with gaps: borders beside each other.
 fn check_gaps(part: &Part, borders: &[[u32; 2]]) -> Result<(), NominalError> {
     let cell = |point: &Point3<f64>| [0, 1, 2].map(|axis| (point[axis] / MAX_GAP_MM).floor() as i64);
     let mut middles: HashMap<[i64; 3], Vec<usize>> = HashMap::new();
@@ -355,8 +354,8 @@ fn check_gaps(part: &Part, borders: &[[u32; 2]]) -> Result<(), NominalError> {
     }
 }
 
-/// Returns the width of the gap between a border's middle and another border from this point along this vector;
-/// `None` if they do not run beside each other, or the gap is harmless.
+/// Returns the width of the gap between the centre of a border and another border that begins at `from` and extends
+/// along `along`; `None` if they are not beside each other, or the gap is harmless.
 fn gap_mm(part: &Part, border: &[u32; 2], (from, along): (&Point3<f64>, &Vector3<f64>)) -> Option<f64> {
     let [a, b] = border.map(|corner| part.vertices[corner as usize]);
     let is_parallel = (b - a).dot(along).abs() >= MIN_PARALLEL_COSINE * (b - a).norm() * along.norm();
@@ -414,9 +413,9 @@ mod tests {
         assert!((far.area_mm2() - 0.5).abs() < 1e-9 && far.vertices.len() == 3);
     }
 
-    /// Calculated by hand: the triangle of 2 × 1 mm lies in the search box, which extends from −1 to 3 mm. Read in
-    /// inches it is 51 mm long, more than four times the box; shifted by 3 mm, its middle is at 4 mm, outside of the
-    /// box.
+    /// Expected values, calculated by hand: the triangle of 2 × 1 mm is in the search box, which extends from −1 to 3
+    /// mm. Read in inches it is 51 mm long, more than four times the box. Shifted by 3 mm, its centre is at 4 mm,
+    /// outside of the box.
     #[test]
     fn another_unit_or_place_is_not_in_the_search_box() {
         let place = |by_mm: f64| Rigid::from_isometry_unchecked(nalgebra::Isometry3::translation(by_mm, 0.0, 0.0));
@@ -430,7 +429,7 @@ mod tests {
         }
     }
 
-    /// If the file has no objects, the two triangles share an edge within a micrometre, and are one part.
+    /// If the file has no objects, the two triangles have a common edge within a micrometre, and are one part.
     #[test]
     fn near_vertices_are_joined() {
         let text = OBJ.replace("o skin\n", "").replace("o rib\n", "").replace("f 7 8 9\n", "");

@@ -1,11 +1,11 @@
-//! The view that a camera has of a part: rays from the camera to the part give the depth, the angle, and the share that
-//! the part covers, for each pixel.
+//! The view of a part by a camera: for each pixel, rays from the camera to the part give the depth, the angle of
+//! incidence, and the fraction that the part covers.
 //!
-//! The share is counted over a lattice of rays in each pixel at the border, so that the part's edge lies in the picture
-//! where it truly projects, to a fraction of a pixel. A pixel at the border has no depth, as in a scan.
+//! The covered fraction is counted over a lattice of rays in each pixel at the border, so that the edge of the part has
+//! its true position in the picture, to a fraction of a pixel. A pixel at the border has no depth, as in a scan.
 //!
-//! For each ray, the nearest triangle and the point at which the ray meets it are computed. The triangles lie in the
-//! camera's frame. A hierarchy of boxes (`obvhs`) in single precision finds the triangles near a ray. The intersection
+//! For each ray, the nearest triangle and the point at which the ray meets it are computed. The triangles are in the
+//! camera frame. A hierarchy of boxes (`obvhs`) in single precision finds the triangles near a ray. The intersection
 //! with each of them is computed in double precision (Möller, Trumbore 1997, "Fast, minimum storage ray–triangle
 //! intersection"), so that the error of the search does not affect the depth.
 
@@ -26,14 +26,14 @@ use std::ops::Range;
 
 /// Margin of the boxes around their triangles, mm: more than the rounding of single precision within 10 m.
 const BOX_MARGIN_MM: f64 = 0.005;
-/// Maximum distance of a ray beside a triangle that it still meets, as a share of the triangle: no ray passes between
-/// neighbours.
+/// Maximum distance between a triangle and a ray that still meets it, relative to the size of the triangle: no ray
+/// passes between neighbouring triangles.
 const EDGE_TOLERANCE_SHARE: f64 = 1e-9;
-/// Minimum distance of both ends of an edge from the plane of a triangle that it passes through, mm; with a smaller
-/// distance it only touches the triangle.
+/// Minimum distance of both ends of an edge from the plane of a triangle that the edge passes through, mm; with a
+/// smaller distance the edge only touches the triangle.
 const MIN_CROSSING_MM: f64 = 0.02;
 
-/// A part in front of a camera.
+/// A part in front of a camera, prepared for the intersection with rays.
 pub struct PartRays<C: Frame> {
     vertices: Vec<Point<C>>,
     triangles: Vec<[u32; 3]>,
@@ -43,9 +43,10 @@ pub struct PartRays<C: Frame> {
 /// The point at which a ray meets a part.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PartHit {
-    /// The distance in lengths of the ray's direction: the depth, mm, for a direction (x, y, 1).
+    /// Distance along the ray, as a multiple of the length of its direction vector: the depth, mm, for a direction (x,
+    /// y, 1).
     pub distance: f64,
-    /// The cosine of the angle between ray and normal, 0…1.
+    /// Cosine of the angle between ray and normal, 0…1.
     pub cos_incidence: f64,
     /// The triangle's index.
     pub triangle: u32,
@@ -56,7 +57,7 @@ fn to_vec3a(point: &Vector3<f64>) -> Vec3A {
 }
 
 impl<C: Frame> PartRays<C> {
-    /// Prepares a part at this pose in the camera's frame.
+    /// Prepares a part at this pose in the camera frame.
     pub fn new(part: Part, camera_from_drawing: &Rigid<C, Drawing>) -> Self {
         let placed = |vertex| *camera_from_drawing * Point::<Drawing>::new(vertex);
         let vertices: Vec<Point<C>> = part.vertices.into_iter().map(placed).collect();
@@ -81,7 +82,7 @@ impl<C: Frame> PartRays<C> {
         PartRays { vertices, triangles: part.triangles, boxes: bvh2_to_cwbvh(&pairs, 3, true, false) }
     }
 
-    /// Returns the vertices in the camera's frame.
+    /// Returns the vertices in the camera frame.
     pub fn vertices(&self) -> &[Point<C>] {
         &self.vertices
     }
@@ -118,7 +119,8 @@ impl<C: Frame> PartRays<C> {
     /// Checks that the surface does not pass through itself.
     ///
     /// # Errors
-    /// If edges pass through a face: their number, and the position of the first in the drawing's frame.
+    /// If edges pass through a face; the error contains their number, and the position of the first in the drawing
+    /// frame.
     pub fn check_crossings(
         &self,
         edges: &PartEdges,
@@ -135,7 +137,7 @@ impl<C: Frame> PartRays<C> {
         }
     }
 
-    /// Returns the point at which an edge passes through a triangle that has none of its vertices.
+    /// Returns the point at which an edge passes through a triangle with which it has no common vertex.
     fn edge_crossing(&self, edge: [u32; 2]) -> Option<Point3<f64>> {
         let [from, to] = edge.map(|corner| self.vertices[corner as usize].mm);
         let along = to - from;
@@ -158,7 +160,8 @@ impl<C: Frame> PartRays<C> {
     }
 }
 
-/// Returns the distance at which a ray meets a triangle, in lengths of the ray's direction, and the triangle's normal.
+/// Returns the distance at which a ray meets a triangle, as a multiple of the length of the ray's direction vector, and
+/// the normal of the triangle.
 fn hit_distance(
     from: &Point3<f64>,
     direction: &Vector3<f64>,
@@ -178,31 +181,30 @@ fn hit_distance(
     (is_inside && distance > 0.0 && distance.is_finite()).then(|| (distance, ab.cross(&ac)))
 }
 
-/// Rays along each side of a pixel at the border.
+/// Number of rays along each side of a pixel at the border.
 const RAYS_PER_PIXEL_SIDE: usize = 8;
-/// Brightness of the part where the camera sees its surface perpendicularly; `SHADING_GRAY` is the decrease where it
-/// sees the surface along its plane, grey levels. The decrease is far less than the contrast of a mark
-/// (`locate/taught_marks`).
+/// Brightness of the part where the camera sees its surface perpendicularly, grey levels. `SHADING_GRAY` is the
+/// decrease where the camera sees the surface along its plane; it is far less than the contrast of a mark
+/// (`locate/print_features`).
 const PERPENDICULAR_GRAY: f64 = 95.0;
 const SHADING_GRAY: f64 = 25.0;
 /// Brightness beside the part, grey levels.
 const BACKGROUND_GRAY: u8 = 225;
 /// Margin that is added to a window if its rim shows the part, px.
 const WINDOW_MARGIN_PX: usize = 16;
-/// Minimum cosine of the angle to the normal at which a surface counts as facing the camera: at a smaller one no camera
-/// measures it.
+/// Minimum cosine of the angle between view and normal of a surface that faces the camera: at a smaller cosine no
+/// camera measures it.
 const MIN_FACING_COSINE: f64 = 0.1;
-/// Minimum distance of a triangle's middle behind the surface that its ray meets at which the triangle is hidden, as a
-/// share of its depth.
+/// Minimum distance of the centre of a hidden triangle behind the surface that its ray meets, relative to its depth.
 const MIN_HIDDEN_SHARE: f64 = 1e-4;
 
 /// One pixel of a view.
 #[derive(Debug, Clone, Copy, Default)]
 struct PixelSeen {
-    /// Depth, mm; 0 if the ray through the middle meets nothing.
+    /// Depth, mm; 0 if the ray through the centre meets nothing.
     depth_mm: f64,
     cos_incidence: f32,
-    /// The share of the pixel that the part covers, 0…1.
+    /// Fraction of the pixel that the part covers, 0…1.
     covered: f32,
 }
 
@@ -215,12 +217,12 @@ pub struct PartView {
     rows: Range<usize>,
 }
 
-/// The parts of a surface that a camera does not see, as shares of the surface that faces it, 0…1.
+/// The parts of a surface that a camera does not see, as fractions of the surface that faces it, 0…1.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct UnseenShares {
-    /// Share outside of the picture.
+    /// Fraction outside of the picture.
     pub outside: f64,
-    /// Share behind another part of the surface.
+    /// Fraction behind another part of the surface.
     pub hidden: f64,
 }
 
@@ -228,7 +230,7 @@ impl PartView {
     /// Computes the view of a part from a camera at the origin of its frame; `None` if no ray meets the part.
     ///
     /// # Errors
-    /// If the lens has no ray for a pixel that may show the part.
+    /// If the lens model has no ray for a pixel that may show the part.
     pub fn view_part<C: Frame>(
         rays: &PartRays<C>,
         camera: &PinholeCamera,
@@ -236,8 +238,8 @@ impl PartView {
         let mut window = window(rays, camera);
         loop {
             let seen = PartView::view_columns(rays, camera, window.clone())?;
-            // The lens bends a long straight edge, so that it may leave the box of its projected ends. The window grows
-            // step by step, since a lens may have no ray far beside the part.
+            // The lens bends a long straight edge, so the edge may leave the box of its projected ends. The window is
+            // extended step by step, since a lens model may have no ray far beside the part.
             match &seen {
                 Some(part) if part.reaches_window() => window = with_margin(&window, camera),
                 _ => return Ok(seen),
@@ -318,7 +320,7 @@ impl PartView {
         self.is_covered(rim(&self.columns, width), rim(&self.rows, height))
     }
 
-    /// Returns whether the part reaches the rim of the picture, so that a part of it may lie outside.
+    /// Returns whether the part reaches the rim of the picture, so that a part of it may be outside.
     pub fn reaches_rim(&self) -> bool {
         let [width, height] = self.size_px;
         self.is_covered([Some(0), Some(width - 1)], [Some(0), Some(height - 1)])
@@ -343,7 +345,7 @@ impl PartView {
 }
 
 impl PartView {
-    /// Returns the view as a scan: points where the part covers the whole pixel, and the part's shaded picture.
+    /// Returns the view as a scan: points where the part covers the whole pixel, and the shaded picture of the part.
     pub fn cloud(&self) -> Option<OrganizedCloud<Camera>> {
         let [width, height] = self.size_px;
         let mut points = vec![[f32::NAN; 3]; width * height];
@@ -404,8 +406,8 @@ fn window<C: Frame>(rays: &PartRays<C>, camera: &PinholeCamera) -> (Range<usize>
 }
 
 impl UnseenShares {
-    /// Computes the shares of the surface facing a camera that the camera does not see. The outside of a closed part
-    /// can face a camera, and both sides of a sheet.
+    /// Computes which fractions of the surface facing a camera the camera does not see. Of a closed part, the outside
+    /// can face a camera; of a sheet, both sides can.
     pub fn find<C: Frame>(rays: &PartRays<C>, camera: &PinholeCamera, is_closed: bool) -> UnseenShares {
         let corners = |triangle: &[u32; 3]| triangle.map(|corner| rays.vertices()[corner as usize].mm.coords);
         // Six times the volume; its sign states in which direction the triangles list their vertices.
@@ -420,7 +422,7 @@ impl UnseenShares {
             let towards = -area.dot(&middle.coords);
             let facing = if is_closed { towards * outward } else { towards.abs() };
             let area_mm2 = area.norm();
-            // A number that is not finite counts as not facing, so the condition is the positive one.
+            // A value that is not finite is treated as not facing, so the condition is the positive one.
             let is_facing = facing > MIN_FACING_COSINE * area_mm2 * middle.coords.norm() && middle.z > 0.0;
             if !is_facing {
                 return [0.0; 3];

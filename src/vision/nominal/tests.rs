@@ -1,4 +1,4 @@
-//! Drawings that were built by hand, with known errors.
+//! Tests with constructed drawings that have known errors.
 
 use super::*;
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
@@ -34,8 +34,8 @@ fn block([x, y, z]: [f64; 3]) -> TriangleMesh {
     }
 }
 
-/// Returns a square sheet of this side in steps of 1 mm, without the points for which `is_left_out` is true, with the
-/// height `height_mm`.
+/// Returns a square sheet of this side in steps of 1 mm with the height `height_mm`, without the points for which
+/// `is_left_out` is true.
 fn sheet(
     side: usize,
     height_mm: impl Fn(f64, f64) -> f64,
@@ -63,7 +63,7 @@ fn part(mesh: TriangleMesh) -> Part {
     Part::choose(mesh, None, None).unwrap_or_else(|error| panic!("{error}"))
 }
 
-/// Returns the pose with the drawing's origin at this depth, rotated by 0.2 rad about x.
+/// Returns the pose of a drawing whose origin is at this depth, rotated by 0.2 rad about x.
 fn in_front(depth_mm: f64) -> Rigid<Camera, Drawing> {
     let turn = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), 0.2);
     Rigid::from_isometry_unchecked(Isometry3::from_parts(Vector3::new(0.0, 0.0, depth_mm).into(), turn))
@@ -84,8 +84,9 @@ fn middle_px(corners: &[Pixel]) -> [f64; 2] {
     [u / (3.0 * twice), v / (3.0 * twice)]
 }
 
-/// The points of a box's front lie on its plane to a micrometre. The sum of the pixels' shares is the area of the
-/// projected outline, to a hundredth of a pixel times the outline's length; both have the same centroid.
+/// The points of a box's front are on its plane to a micrometre. The sum of the covered fractions of the pixels is the
+/// area of the projected outline, to a hundredth of a pixel times the length of the outline; both have the same
+/// centroid.
 #[test]
 fn a_box_is_seen_where_it_projects() {
     let place = in_front(500.0);
@@ -93,7 +94,7 @@ fn a_box_is_seen_where_it_projects() {
     let normal = place.rotation() * Vector3::z();
     let front = place.isometry() * Point3::new(0.0, 0.0, -3.0);
     let off_mm: Vec<f64> = cloud.valid_points().map(|(_, point)| normal.dot(&(point.mm - front)).abs()).collect();
-    // The side of the box is visible, too, up to 6 mm behind its front.
+    // A side face of the box is visible as well, up to 6 mm behind its front.
     let on_front = off_mm.iter().filter(|off_mm| **off_mm < 1e-3).count();
     assert!(off_mm.iter().all(|off_mm| *off_mm < 6.001));
     assert!(on_front as f64 > 0.94 * off_mm.len() as f64, "{on_front} of {}", off_mm.len());
@@ -121,8 +122,8 @@ fn a_box_is_seen_where_it_projects() {
     assert!((covered - area_px2).abs() < 0.005 * 2.0 * 144.0, "{covered} px², outline {area_px2} px²");
 }
 
-/// No ray passes between the triangles of a curved sheet, and a part of it that faces the camera but lies behind
-/// another one counts as hidden.
+/// No ray passes between the triangles of a curved sheet. A part of the sheet that faces the camera but is behind
+/// another part is treated as hidden.
 #[test]
 fn a_surface_has_no_holes_and_hidden_parts_are_counted() {
     let place = in_front(500.0);
@@ -139,8 +140,8 @@ fn a_surface_has_no_holes_and_hidden_parts_are_counted() {
     assert_eq!(holes, 0);
     let none = UnseenShares::find(&PartRays::new(part(sheet(100, curved, |_, _| false)), &place), &CAMERA, false);
     assert_eq!(none, UnseenShares { outside: 0.0, hidden: 0.0 });
-    // The back of a box does not face the camera. If the box is a sheet, the back also faces the camera, and the front
-    // hides it: half of the surface is hidden.
+    // The back of a box does not face the camera. If the box is treated as a sheet, the back also faces the camera and
+    // is hidden by the front: half of the surface is hidden.
     let boxed =
         |is_closed| UnseenShares::find(&PartRays::new(part(block([100.0, 80.0, 1.0])), &place), &CAMERA, is_closed);
     assert!((boxed(false).hidden - 0.5).abs() < 0.03 && boxed(true).hidden == 0.0, "{:?}", boxed(true));
@@ -161,8 +162,8 @@ fn a_part_that_is_not_there_is_not_seen() {
     assert!(PartView::view_part(&rays, &CAMERA).expect("rays").is_none());
 }
 
-/// Refused are a triangle of the part that passes through the part's sheet, a face that exists twice, and a gap of 0.2
-/// mm between two halves. A hole of 10 mm is accepted.
+/// The following drawings are refused: a triangle of the part that passes through the sheet of the part, a face that
+/// exists twice, and a gap of 0.2 mm between two halves. A hole of 10 mm is accepted.
 #[test]
 fn drawings_that_are_not_one_surface_are_refused() {
     let place = in_front(500.0);
@@ -174,10 +175,10 @@ fn drawings_that_are_not_one_surface_are_refused() {
     let hole = |u: usize, v: usize| (20..30).contains(&u) && (20..30).contains(&v);
     let good = crossing(sheet(60, |x, _| x * x / 200.0, hole)).unwrap_or_else(|error| panic!("{error}"));
     assert_eq!(good.borders.len(), 4 * 60 + 4 * 10);
-    // Calculated by hand: over 1 mm, x²/200 deviates by 1/800 mm from its chord.
+    // Expected value, calculated by hand: over 1 mm, x²/200 deviates by 1/800 mm from its chord.
     assert!((good.facet_error_mm * 800.0 - 1.0).abs() < 0.1, "{}", good.facet_error_mm);
-    // Calculated by hand: facets of 1 mm at an angle of 12° to each other deviate by 0.2094 · 1 / 8 mm; an angle of 45°
-    // is an edge of the panel.
+    // Expected value, calculated by hand: facets of 1 mm at an angle of 12° to each other deviate by 0.2094 · 1 / 8 mm.
+    // An angle of 45° is an edge of the panel.
     let folded =
         |slope: f64| crossing(sheet(60, |x, _| slope * x.max(0.0), hole)).map(|edges| edges.facet_error_mm);
     let [coarse_mm, edge_mm] = [0.212_56, 1.0].map(|slope| folded(slope).unwrap_or_else(|error| panic!("{error}")));
@@ -189,7 +190,7 @@ fn drawings_that_are_not_one_surface_are_refused() {
     let error = crossing(twice).err().expect("a doubled face");
     assert!(matches!(error, NominalError::ManyFaces { count: 3, .. }), "{error}");
 
-    // A triangle of the same part that passes through the sheet.
+    // A triangle of the same part passes through the sheet.
     let mut blade = sheet(60, |_, _| 0.0, |_, _| false);
     let first = blade.vertices.len() as u32;
     blade.vertices.extend([[40.0, 5.3, 9.0], [10.2, 5.3, -9.0]]);
@@ -214,7 +215,7 @@ fn drawings_that_are_not_one_surface_are_refused() {
     assert!(matches!(error, NominalError::Gap { width_mm, .. } if (width_mm - 0.2).abs() < 0.01), "{error}");
 }
 
-/// The front of a block consists of two triangles whose middles lie in the picture, although the block extends beyond
+/// The front of a block consists of two triangles whose centres are in the picture, although the block extends beyond
 /// it.
 #[test]
 fn a_part_of_large_triangles_that_leaves_the_picture_reaches_its_rim() {
@@ -230,8 +231,9 @@ fn a_part_of_large_triangles_that_leaves_the_picture_reaches_its_rim() {
     assert_eq!(UnseenShares::find(&rays, &CAMERA, true).outside, 0.0, "the share alone does not show it");
 }
 
-/// Calculated by hand: a plate of ±0.48 in the picture's plane, seen by a lens with k1 = −0.2. A corner projects to
-/// 79.5 − 72 (1 − 0.2 · 0.461) = 14.1 px, and the middle of the edge to 79.5 − 72 (1 − 0.2 · 0.230) = 10.8 px.
+/// Expected values, calculated by hand: a plate of ±0.48 in the picture's plane, seen by a lens with k1 = −0.2. A
+/// corner projects to 79.5 − 72 (1 − 0.2 · 0.461) = 14.1 px, and the centre of the edge to 79.5 − 72 (1 − 0.2 · 0.230)
+/// = 10.8 px.
 #[test]
 fn a_long_edge_that_the_lens_bends_is_seen_whole() {
     let camera =

@@ -24,8 +24,8 @@ const CAMERA: PinholeCamera = PinholeCamera {
     k3: 0.0,
 };
 
-/// Returns the pose of a camera that looks along the base's X with its Y down: its X is the base's −Y, its Y the base's
-/// −Z.
+/// Returns the pose of a camera that looks along the base's X with its Y down: the camera's X is the base's −Y, its Y
+/// the base's −Z.
 fn camera_along_x(at: Point<Base>) -> Rigid<Base, FlangeCamera> {
     Rigid::from_axes([-Vector3::y(), -Vector3::z(), Vector3::x()].map(Vector::new), at)
 }
@@ -44,9 +44,9 @@ fn taught(
     }
 }
 
-/// By hand: a camera at (320, 0, 360) looks along the base's X at a corner 240 mm away, f = 2400 px: 10 px are 1
-/// mm. The corner is found 24 px to the right and 10 px up. So the panel is 2.4 mm to the right, base −Y, and 1 mm
-/// up, base +Z.
+/// Expected values, calculated by hand: a camera at (320, 0, 360) looks along the base's X at a corner 240 mm away, f =
+/// 2400 px: 10 px are 1 mm. The corner is found 24 px to the right and 10 px up. So the panel is 2.4 mm to the right,
+/// base −Y, and 1 mm up, base +Z.
 #[test]
 fn a_corner_to_the_right_moves_the_panel_to_the_right() {
     let base_from_camera = camera_along_x(Point::at(320.0, 0.0, 360.0));
@@ -60,8 +60,9 @@ fn a_corner_to_the_right_moves_the_panel_to_the_right() {
     assert!(refined.corners[0].remaining_shift_mm < 1e-9);
 }
 
-/// By hand: cameras along X and along −Y, both 240 mm away. The first corner indicates 1 mm in −Y and 1 mm up, the
-/// second 2 mm in −X and 2 mm up. Together they give (−2, −1, 1.5), and 0.5 mm remains for each.
+/// Expected values, calculated by hand: the cameras look along X and along −Y, both 240 mm away. The first corner
+/// indicates 1 mm in −Y and 1 mm up, the second 2 mm in −X and 2 mm up. The common result is (−2, −1, 1.5), and 0.5 mm
+/// remains for each corner.
 #[test]
 fn two_corners_share_the_difference() {
     let along_x = camera_along_x(Point::at(320.0, 0.0, 360.0));
@@ -91,8 +92,8 @@ fn two_corners_share_the_difference() {
     );
 }
 
-/// Calculated by hand: a camera 100 mm in front of the surface and 100 mm beside the corner sees a movement along the
-/// normal with a factor of sin 45°.
+/// Expected value, calculated by hand: a camera 100 mm in front of the surface and 100 mm beside the corner sees a
+/// motion along the normal with a factor of sin 45°.
 #[test]
 fn a_slanted_view_sees_a_part_of_a_move_along_the_normal() {
     let corner = |y: f64| taught(Point::at(560.0, 0.0, 360.0), camera_along_x(Point::at(460.0, y, 360.0)), &CAMERA);
@@ -100,8 +101,8 @@ fn a_slanted_view_sees_a_part_of_a_move_along_the_normal() {
     assert!(corner(0.0).visible_normal_fraction() < 1e-9);
 }
 
-/// Calculated by hand: two corners are 200 mm apart, and both cameras look along X. After a rotation by 0.01 rad about
-/// X, one corner is 1 mm higher, the other 1 mm lower; both are 0.5 mm farther to the right.
+/// Expected values, calculated by hand: two corners are 200 mm apart, and both cameras look along X. After a rotation
+/// by 0.01 rad about X, one corner is 1 mm higher, the other 1 mm lower; both are 0.5 mm farther to the right.
 #[test]
 fn two_separate_corners_rotate_the_panel() {
     let nominal = panelprep_cell::panel::panel_from_base_at_teaching().inverse();
@@ -118,14 +119,14 @@ fn two_separate_corners_rotate_the_panel() {
     let first = (refined.base_from_panel * corners[0].point).mm;
     assert!((first.y - 99.5).abs() < 0.01 && (first.z - 361.0).abs() < 0.01, "{first}");
     assert!(refined.corners.iter().all(|corner| corner.remaining_shift_mm < 0.01), "{refined:?}");
-    // Stated errors of 1 mm and 0.2 mm give 1.02 mm together. √(1² + 0.5²) = 1.118 mm is less than twice that value,
-    // but more than twice 0.3 mm.
+    // Stated errors of 1 mm and 0.2 mm are 1.02 mm together. The distance √(1² + 0.5²) = 1.118 mm is less than twice
+    // 1.02 mm, but more than twice 0.3 mm.
     assert_eq!(worst_disagreement(&refined, &[1.0, 0.2]).expect("a corner").reason(), None);
     assert_eq!(found(worst_disagreement(&refined, &[0.3])).code, "corner_disagrees");
 }
 
-/// Calculated by hand: only the second taught corner is viewed, 12 px off at 10 px/mm. Each gate names the corner by
-/// its taught number.
+/// Only the second taught corner is viewed, 12 px away from its expected position at 10 px/mm. Each check names the
+/// corner by its taught number.
 #[test]
 fn a_corner_has_the_number_that_it_was_taught_with() {
     let base_from_camera = camera_along_x(Point::at(320.0, 0.0, 360.0));
@@ -181,7 +182,7 @@ fn limits(of_corner: &str) -> recipe::Recipe {
     recipe::Recipe::check("test.toml", &text).unwrap_or_else(|problems| panic!("{problems}"))
 }
 
-/// Calculated by hand: the same two corners, each seen 1 mm nearer to the other. No rigid panel can explain this.
+/// The same two corners, each seen 1 mm nearer to the other. No rigid panel can explain this.
 #[test]
 fn corners_that_do_not_fit_a_rigid_panel_are_a_finding() {
     let nominal = panelprep_cell::panel::panel_from_base_at_teaching().inverse();
@@ -227,8 +228,8 @@ fn a_wrong_flange_pose_is_an_error_and_a_large_correction_a_reject() {
 
 proptest! {
     /// One step is enough from any camera pose near the taught one. After the correction the corner projects to the
-    /// position where it was found. The expected pixel at newCP (Eq. 3.22) is the taught reference pixel, and the
-    /// shift is Eq. 3.24 as printed.
+    /// pixel at which it was found. The expected pixel at newCP (Eq. 3.22) is the taught reference pixel, and the shift
+    /// is Eq. 3.24 as printed.
     #[test]
     fn one_step_is_enough(
         moved in prop::array::uniform6(-1.0..1.0f64),
