@@ -3,24 +3,24 @@
 //!
 //! A corner q of the board is seen by station i at
 //!     p = X⁻¹ · Mᵢ(eᵢ) · Y · q,   X = to_from_camera, Y = holder_from_board, Mᵢ = to_from_holder,              (1)
-//! where the flange was at `base_from_flange · exp(eᵢ)`: the pose that the robot reports is off by an unknown small
-//! twist eᵢ = (ω, v), the same for all corners of a picture. The sum minimised over X, Y and every eᵢ is
+//! where the flange was at `base_from_flange · exp(eᵢ)`: the reported pose of the robot has an unknown small error, the
+//! twist eᵢ = (ω, v), which is the same for all corners of a picture. The sum minimised over X, Y and every eᵢ is
 //!     Σᵢ Σⱼ |pixelᵢⱼ − π(pᵢⱼ)|² / σ²  +  Σᵢ |ωᵢ|² / σω² + |vᵢ|² / σv².                                        (2)
 //! The method is Gauss–Newton on right perturbations, with the eᵢ eliminated picture by picture (Schur complement).
-//! Without eᵢ, the corners of a picture would count as independent and the stated uncertainty would be many times
+//! Without eᵢ, the corners of a picture would be treated as independent and the stated uncertainty would be many times
 //! too small.
 //!
 //! σ, σω and σv are estimated, each as Σ v² / redundancy (Förstner's variance components); none is assumed. If the 3D
-//! camera measured the corners, its points replace the pixels and σ is in mm. The intrinsics are used as they are;
-//! [`lens_covariance_effect`] states the effect of their own error on the mount.
+//! camera measured the corners, its points replace the pixels and σ is in mm. The intrinsics are kept fixed;
+//! [`lens_covariance_effect`] states the effect of their error on the mount.
 //!
 //! The start value is a consensus, robust against a few wrong poses. Three stations at a time give the mount in closed
-//! form (Park & Martin). With this mount every station predicts the board's pose on its holder, and correct stations
-//! agree. The best mount has the least median of these distances (Rousseeuw, J. Am. Stat. Assoc. 79, 1984), which
-//! tolerates almost half of all poses being wrong.
+//! form (Park & Martin). With this mount every station predicts the pose of the board on its holder, and correct
+//! stations agree. The best mount has the least median of these distances (Rousseeuw, J. Am. Stat. Assoc. 79, 1984),
+//! which tolerates almost half of all poses being wrong.
 //!
 //! The influence of one station, or of a lens error, is known to first order from the normal equations. A station adds
-//! its information Λᵢ to Λ = Σ Λᵢ and its gradient gᵢ. Without this station the result moves by −(Λ − Λᵢ)⁻¹ gᵢ; a
+//! its information Λᵢ to Λ = Σ Λᵢ, and its gradient gᵢ. Without this station the result moves by −(Λ − Λᵢ)⁻¹ gᵢ. A
 //! station that was not part of the adjustment is compared with the result. A lens error δ moves the result by Λ⁻¹ B δ,
 //! with B the derivatives of the corners with respect to the lens. A lens of covariance C therefore adds Λ⁻¹ B C Bᵀ
 //! Λ⁻¹. This is the largest part if the robot is accurate: if the principal point is wrong by 0.1 px, the mount is
@@ -34,43 +34,43 @@ use nalgebra::{DefaultAllocator, Dim, Isometry3, Matrix3, Matrix6, OMatrix, SMat
 use panelprep_base::geometry::{Base, Board, Flange, Frame, PinholeCamera, Point, Rigid};
 use panelprep_cell::cell::LensCovariance;
 
-/// Standard deviations, estimated from the residuals.
+/// Standard deviations of the corners and of the flange poses, estimated from the residuals.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Noise {
     /// Standard deviation of a corner along each axis: px in pictures, mm among 3D points.
     pub corner: f64,
-    /// Standard deviation of the flange's reported rotation about each axis, rad.
+    /// Standard deviation of the reported flange rotation about each axis, rad.
     pub turn_rad: f64,
-    /// Standard deviation of the flange's reported position along each axis, mm.
+    /// Standard deviation of the reported flange position along each axis, mm.
     pub shift_mm: f64,
 }
 
 const NOISE_FLOOR: Noise = Noise { corner: 1e-4, turn_rad: 2e-7, shift_mm: 1e-4 };
 const NOISE_START: Noise = Noise { corner: 0.2, turn_rad: 3e-4, shift_mm: 0.1 };
 const MAX_STEPS: usize = 200;
-/// After this number of steps the iteration may end if camera and board no longer move, although the noise estimate
-/// still changes slowly.
+/// Minimum number of iterations after which the adjustment may end when camera and board no longer move, although the
+/// noise estimate still changes slowly.
 const SUFFICIENT_STEPS: usize = 60;
-/// The iteration ends when camera and board move by less than this, mm and mrad.
+/// Maximum motion of camera and board in the last iteration, mm and mrad.
 const CONVERGENCE_TOLERANCE: f64 = 1e-7;
 
-/// A camera mount and a board's pose with the evidence for them.
+/// The adjusted poses of camera mount and board, with the evidence for them.
 #[derive(Debug, Clone)]
 pub struct MountAdjustment<A: Arrangement> {
-    /// The camera's mount, the unknown of the calibration.
+    /// The camera mount, the unknown of the calibration.
     pub to_from_camera: Rigid<A::To, A::From>,
-    /// The board's pose on its holder.
+    /// The pose of the board on its holder.
     pub holder_from_board: Rigid<A::Holder, Board>,
     /// The estimated noise.
     pub noise: Noise,
-    /// Number of residuals beyond those that the unknowns can absorb: how well the noise is known.
+    /// Number of residuals beyond those that the unknowns can absorb: a measure of the accuracy of the noise estimate.
     pub redundancy: f64,
-    /// Covariance of (mount, board), twists on the right, rad and mm.
+    /// Covariance of (mount, board), as right twists, rad and mm.
     pub(super) covariance: MountBoardMatrix,
 }
 
 impl<A: Arrangement> MountAdjustment<A> {
-    /// Returns the covariance of a point that is fixed to the camera, in the frame that the camera is mounted on, mm².
+    /// Returns the covariance of a point that is fixed to the camera, in the frame on which the camera is mounted, mm².
     pub fn covariance_at(&self, point: Point<A::From>) -> Matrix3<f64> {
         covariance_at(&self.to_from_camera, &self.covariance, point)
     }
@@ -105,7 +105,7 @@ struct State {
     deviations: Vec<Isometry3<f64>>,
 }
 
-/// Returns 1/σω² and 1/σv² in units of the corners' weight.
+/// Returns the prior weights 1/σω² and 1/σv² in units of the weight of a corner.
 pub(super) fn prior_weights(noise: &Noise) -> Matrix6<f64> {
     let [turn, shift] = [noise.turn_rad, noise.shift_mm].map(|sigma| (noise.corner / sigma).powi(2));
     Matrix6::from_diagonal(&Twist::new(turn, turn, turn, shift, shift, shift))
@@ -138,8 +138,8 @@ pub(super) fn adjust<A: Arrangement>(
         }
         let step = Step::solve(&grams, &state.deviations, &noise).ok_or_else(|| unsettled.clone())?;
         let moved = step.apply(&grams, &mut state);
-        // Estimated with the unknowns, since neither the robot's repeatability nor the corners' noise in these pictures
-        // is known beforehand.
+        // The noise is estimated with the unknowns, since neither the repeatability of the robot nor the noise of the
+        // corners in these pictures is known beforehand.
         let estimated = if given.is_some() { noise } else { step.noise(&grams, &state.deviations, &noise) };
         let steady = |old: f64, new: f64| (new / old - 1.0).abs() < 2e-3;
         let is_steady = steady(noise.corner, estimated.corner)
@@ -167,8 +167,8 @@ struct Step {
     mount_and_board: SVector<f64, 12>,
     /// Inverse of the reduced normal matrix, in units of the corners' variance.
     covariance: MountBoardMatrix,
-    /// Sum of the variances of the flange's deviations in rotation (about ω), in the units of `covariance`;
-    /// `shift_variance` is the same sum for translation (along v).
+    /// Sum of the variances of the flange deviations in rotation (about ω), in the units of `covariance`;
+    /// `shift_variance` is the sum in translation (along v).
     turn_variance: f64,
     shift_variance: f64,
     stations: usize,
@@ -208,7 +208,7 @@ impl Step {
         })
     }
 
-    /// Moves the state and returns how far camera and board moved, mm and mrad.
+    /// Moves the state and returns the motion of camera and board, mm and mrad.
     fn apply(&self, grams: &[StationGram], state: &mut State) -> f64 {
         let [mount, board] = [0, 6].map(|row| Twist::from(self.mount_and_board.fixed_rows::<6>(row)));
         state.mount *= exp_map(&mount);
@@ -267,8 +267,8 @@ where
     DefaultAllocator: Allocator<D, D> + Allocator<D>,
 {
     let (rows, columns) = normal.shape_generic();
-    // Values in radians and in millimetres differ by a factor of a thousand: without the scaling, the decomposition
-    // loses the digits of the smaller ones.
+    // Values in radians and in millimetres differ by a factor of a thousand: without the scaling, the digits of the
+    // smaller ones are lost in the decomposition.
     let scale = normal.diagonal().map(|entry| if entry > 0.0 { entry.sqrt().recip() } else { f64::NAN });
     let scaled =
         OMatrix::from_fn_generic(rows, columns, |row, column| normal[(row, column)] * scale[row] * scale[column]);
@@ -276,7 +276,7 @@ where
     Some(OMatrix::from_fn_generic(rows, columns, |row, column| inverse[(row, column)] * scale[row] * scale[column]))
 }
 
-/// Maximum number of triples of stations that are tried; if there are more, they are sampled at equal steps.
+/// Maximum number of triples of stations that are tried; more triples are sampled at equal steps.
 const MAX_TRIPLES: usize = 800;
 /// Minimum rotation between the three stations of a start value, rad.
 pub(super) const MIN_START_ROTATION_RAD: f64 = 0.05;
@@ -288,7 +288,7 @@ pub(super) const MIN_ROTATION_SPREAD_DEG: f64 = 4.0;
 pub(super) struct Start<A: Arrangement> {
     pub to_from_camera: Rigid<A::To, A::From>,
     pub holder_from_board: Rigid<A::Holder, Board>,
-    /// Distance of each station's board from the board of the best station, mm.
+    /// For each station, the distance of its board from the board of the best station, mm.
     pub distances_mm: Vec<f64>,
     pub median_mm: f64,
 }
@@ -358,7 +358,7 @@ fn medoid<A: Arrangement>(
         let distances: Vec<f64> = boards.iter().map(apart).collect();
         let mut sorted = distances.clone();
         sorted.sort_by(f64::total_cmp);
-        // The first value is the station's distance from itself, zero: this index gives the median of the others.
+        // The first value is the distance of the station from itself, zero: this index gives the median of the others.
         (sorted[(sorted.len()) / 2], distances)
     };
     let mut all = boards.iter().map(|board| (*board, distances(board)));
@@ -378,7 +378,7 @@ pub(super) fn index_triples(count: usize) -> impl Iterator<Item = [usize; 3]> {
 }
 
 /// Returns the information (inverse covariance) that a station adds, and its gradient for mount and board, in rad and
-/// mm. It is used to leave a station out, and to choose the next station.
+/// mm. Used to exclude a station, and to select the next station.
 pub(super) fn information<A: Arrangement>(
     camera: &PinholeCamera,
     adjusted: &MountAdjustment<A>,
@@ -394,14 +394,15 @@ pub(super) fn information<A: Arrangement>(
     Some((reduced * weight, pull * weight))
 }
 
-/// The minimum scatter of an arm, as standard deviations: a third of the pose repeatability of a KR 6 R700, ±0.03 mm
-/// (data sheet). The rotation, `MIN_ARM_ROTATION_RAD`, causes this shift at 350 mm, half of the arm's reach. Because of
-/// this minimum, a few poses that fit better by chance do not make another pose appear wrong.
+/// Minimum standard deviation of the position of an arm, mm: a third of the pose repeatability of a KR 6 R700, ±0.03 mm
+/// (data sheet). The minimum standard deviation of its rotation, `MIN_ARM_ROTATION_RAD`, causes this shift at 350 mm,
+/// half of the arm's reach. With this minimum, a few poses that match better by chance do not make another pose appear
+/// wrong.
 const MIN_ARM_SHIFT_MM: f64 = 0.01;
 const MIN_ARM_ROTATION_RAD: f64 = 3e-5;
 
 /// Returns how improbable a station is, compared with an adjustment without it: the squared length, in standard
-/// deviations, of the twist by which the flange would have to be moved. Its expected value is 6.
+/// deviations, of the twist by which the flange would have to be moved. The expected value is 6.
 pub(super) fn outlier_statistic<A: Arrangement>(
     camera: &PinholeCamera,
     adjusted: &MountAdjustment<A>,
@@ -426,7 +427,7 @@ pub(super) fn outlier_statistic<A: Arrangement>(
     found.unwrap_or(f64::INFINITY)
 }
 
-/// Returns the pose that the flange must have had for a picture to show the board as it does.
+/// Returns the flange pose for which the picture would show the board as it does.
 pub(super) fn needed_flange<A: Arrangement>(
     adjusted: &MountAdjustment<A>,
     camera_from_board: &Rigid<A::From, Board>,

@@ -1,13 +1,13 @@
 //! The kinematics of an arm whose links differ slightly from their nominal geometry, and the true pose of its flange.
 //!
 //! Forward kinematics of six axes with an ortho-parallel basis and a spherical wrist (Brandstötter, Angerer, Hofbaur
-//! 2014). A small motion Eᵢ of six numbers follows each of the first five axes: the axis zero, its two twists, and
-//! three lengths. These numbers describe every geometric error of six axes, except the part that the frames at both
-//! ends absorb: an error before axis 1 belongs to the base, one after axis 6 to the tool. Under its weight the arm
-//! sags about axes 2 and 3 by an angle that is proportional to the lever of the load.
+//! 2014). A small motion Eᵢ with six parameters follows each of the first five axes: the zero of the axis, its two
+//! twists, and three lengths. These parameters describe every geometric error of six axes, except the part that the
+//! frames at both ends absorb: an error before axis 1 belongs to the base, an error after axis 6 to the tool. Under its
+//! weight the arm sags about axes 2 and 3 by an angle that is proportional to the lever of the load.
 //!
-//! The true pose of the flange differs from the controller's by the arm's geometry, or by a motion that varies
-//! smoothly over the volume. With the pose N that the controller reports, the flange is truly at T:
+//! The true pose of the flange differs from the controller's pose by the geometry of the arm, or by a motion that
+//! varies smoothly over the volume. If the controller reports the pose N, the true pose of the flange is T:
 //!     geometry, by the axis angles q:  T = N F₀(q)⁻¹ F(q),   F₀ nominal forward kinematics, F with the errors      (1)
 //!     smooth, by the position p of N:  T = (exp r(p) R, p + t(p)), r and t linear in p, constant outside the volume (2)
 //! To bring the flange to T, the controller is sent the N for which (1) or (2) gives T.
@@ -18,11 +18,11 @@ use panelprep_base::geometry::{Base, Flange, Joints, Point, Rigid};
 pub use panelprep_cell::cell::SMOOTH_PARAMETER_COUNT;
 use panelprep_cell::cell::{ArmGeometry, CorrectionNumbers};
 
-/// The number of an arm's error parameters: six after each of the first five axes, and the sag of axes 2 and 3.
-pub const ARM_NUMBERS: usize = panelprep_cell::cell::GEOMETRY_PARAMETER_COUNT;
+/// Number of error parameters of an arm: six after each of the first five axes, and the sag of axes 2 and 3.
+pub const ARM_NUMBERS: usize = panelprep_cell::cell::GEOMETRY_NUMBERS;
 
-/// Returns the usual size of each error parameter, as a standard deviation: rotations in rad, lengths in mm, sag in
-/// rad for each mm of lever.
+/// Returns the usual standard deviation of each error parameter: rotations in rad, lengths in mm, sag in rad per mm of
+/// lever.
 pub fn prior_std() -> [f64; ARM_NUMBERS] {
     std::array::from_fn(|index| match index {
         30 | 31 => SAG_PRIOR_RAD_PER_MM,
@@ -34,11 +34,11 @@ pub fn prior_std() -> [f64; ARM_NUMBERS] {
 /// 0.05°.
 const ANGLE_PRIOR_RAD: f64 = 8.7e-4;
 const LENGTH_PRIOR_MM: f64 = 0.4;
-/// This sag is 0.3 mm at the end of a lever of 600 mm.
+/// Standard deviation of the sag, rad per mm: 0.3 mm at the end of a lever of 600 mm.
 const SAG_PRIOR_RAD_PER_MM: f64 = 8e-7;
 
-/// Returns the name of an error parameter with the unit in which it is reported, and the factor from the
-/// parameter's own unit to that unit.
+/// Returns the name of an error parameter with the unit in which it is reported, and the factor that converts the
+/// parameter to this unit.
 pub fn name(index: usize) -> (String, f64) {
     const AXIS_NAMES: [char; 3] = ['x', 'y', 'z'];
     // Axis 1 rotates about z, axes 2, 3 and 5 about y, axis 4 about z.
@@ -64,7 +64,7 @@ fn model_angles_rad(geometry: &ArmGeometry, joints: &Joints) -> [f64; 6] {
     })
 }
 
-/// Returns the flange's pose of an arm with these errors.
+/// Returns the flange pose of an arm with these errors.
 pub fn base_from_flange(
     geometry: &ArmGeometry,
     joints: &Joints,
@@ -98,12 +98,12 @@ pub fn base_from_flange(
     Rigid::from_isometry_unchecked(pose)
 }
 
-/// A fault of the axis angles in a file: two axes are exchanged, or one has the opposite sign.
+/// A possible error in the axis angles of a file: two axes are exchanged, or one has the wrong sign.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AxisFault {
     /// Two exchanged axes, numbered from 1.
     Exchanged(usize, usize),
-    /// An axis with the opposite sign, numbered from 1.
+    /// An axis with the wrong sign, numbered from 1.
     Sign(usize),
 }
 
@@ -117,13 +117,13 @@ impl std::fmt::Display for AxisFault {
 }
 
 impl AxisFault {
-    /// Returns all possible faults.
+    /// Returns all possible errors of the axis angles.
     pub fn all() -> Vec<AxisFault> {
         let exchanged = (1..=6).flat_map(|one| (one + 1..=6).map(move |two| AxisFault::Exchanged(one, two)));
         exchanged.chain((1..=6).map(AxisFault::Sign)).collect()
     }
 
-    /// Returns the true axis angles if the file has this fault.
+    /// Returns the true axis angles if the file has this error.
     pub fn correct_angles(self, joints: &Joints) -> Joints {
         let mut all = joints.degrees();
         match self {
@@ -139,36 +139,36 @@ impl AxisFault {
 pub struct ArmPose {
     /// The axis angles, if they are known.
     pub joints: Option<Joints>,
-    /// The flange pose as the controller reports it.
+    /// The flange pose that the controller reports.
     pub base_from_flange: Rigid<Base, Flange>,
 }
 
-/// The correction: how the flange's true pose differs from the controller's.
+/// The correction of the flange pose: how the true pose differs from the controller's.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Correction {
-    /// Corrects with errors of the arm's geometry.
+    /// A correction with errors of the arm geometry.
     Geometry {
-        /// The arm's nominal geometry.
+        /// The nominal geometry of the arm.
         geometry: ArmGeometry,
         /// Its errors.
         errors: [f64; ARM_NUMBERS],
     },
-    /// Corrects with a motion that changes smoothly with the flange's position.
+    /// A correction with a motion that changes smoothly with the position of the flange.
     Smooth {
-        /// The middle of the measured volume, mm.
+        /// The centre of the measured volume, mm.
         middle_mm: [f64; 3],
         /// Half the size of the measured volume, mm.
         half_mm: [f64; 3],
-        /// Rotations (rad) and shifts (mm) in the middle, and their changes along x, y and z from the middle to the
+        /// Rotations (rad) and shifts (mm) in the centre, and their changes along x, y and z from the centre to the
         /// side of the volume.
         numbers: [f64; SMOOTH_PARAMETER_COUNT],
     },
 }
 
-/// Steps of the fixed-point iteration that inverts (2); each reduces the error to about a thousandth.
+/// Number of fixed-point iterations that invert (2); each reduces the error to about a thousandth.
 const INVERSE_STEPS: usize = 8;
 /// Maximum distance outside of the measured volume at which the corrected arm may measure or touch, as a fraction of
-/// half the volume's size.
+/// half the size of the volume.
 const MAX_EXTRAPOLATION: f64 = 0.1;
 
 impl Correction {
@@ -192,10 +192,11 @@ impl Correction {
         }
     }
 
-    /// Returns the flange's true pose, (1) or (2); `None` if the correction needs axis angles and there are none.
+    /// Returns the true pose of the flange by (1) or (2); `None` if the correction needs axis angles and there are
+    /// none.
     pub fn base_from_flange(&self, pose: &ArmPose) -> Option<Rigid<Base, Flange>> {
         match self {
-            // A difference between the controller's own parameters and the nominal geometry is preserved.
+            // A difference between the parameters of the controller and the nominal geometry is preserved.
             Correction::Geometry { geometry, errors } => {
                 Some(pose.base_from_flange * flange_deviation(geometry, errors, pose.joints.as_ref()?))
             }
@@ -208,8 +209,8 @@ impl Correction {
         }
     }
 
-    /// Returns the pose that must be sent to the controller so that the flange reaches `base_from_flange`; `joints`
-    /// are the axis angles there.
+    /// Returns the pose that must be sent to the controller so that the flange reaches `base_from_flange`; `joints` are
+    /// the axis angles there.
     pub fn sent_flange(&self, base_from_flange: &Rigid<Base, Flange>, joints: &Joints) -> Rigid<Base, Flange> {
         match self {
             Correction::Geometry { geometry, errors } => {
@@ -296,7 +297,7 @@ impl Correction {
     }
 }
 
-/// Returns the pose of the real arm's flange relative to the nominal arm's flange, at these axis angles.
+/// Returns the flange pose of the real arm relative to the flange of the nominal arm, at these axis angles.
 fn flange_deviation(geometry: &ArmGeometry, errors: &[f64; ARM_NUMBERS], joints: &Joints) -> Rigid<Flange, Flange> {
     let drawn = base_from_flange(geometry, joints, &[0.0; ARM_NUMBERS]);
     drawn.inverse() * base_from_flange(geometry, joints, errors)

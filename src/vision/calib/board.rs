@@ -1,16 +1,16 @@
-//! The board in the pictures: chessboard, ChArUco or a grid of circles, with its corners (for circles, their
-//! centres) as points of frame `Board`.
+//! The calibration board: chessboard, ChArUco or a grid of circles, with its corners (for circles, their centres) as
+//! points of frame `Board`.
 //!
-//! Corner (column, row) lies at (column · square, row · square, 0) mm; x runs along a row, y down, z away from the
-//! viewer. The size of a chessboard is stated in inner corners, that of a ChArUco board in squares, as in OpenCV. A
-//! chessboard with one odd and one even side has a unique first corner, the one with a black outer square; others look
-//! the same upside down. Circles are arranged in COLUMNS×ROWS. In an asymmetric grid every second row is shifted by the
+//! Corner (column, row) is at (column · square, row · square, 0) mm; x is along a row, y down, z away from the viewer.
+//! The size of a chessboard is stated in inner corners, that of a ChArUco board in squares, as in OpenCV. A chessboard
+//! with one odd and one even side has a unique first corner, next to a black outer square; other chessboards look the
+//! same upside down. Circles are arranged in COLUMNS×ROWS. In an asymmetric grid every second row is shifted by the
 //! distance between rows, and the circles of a row are twice that distance apart, as OpenCV counts them.
 
 use super::error::CalibError;
 use panelprep_base::geometry::{Board as BoardFrame, Pixel, Point};
 
-/// The corners of a board on the board, with their pixels.
+/// Corners as points on the board, each with its pixel.
 pub type Corners = Vec<(Point<BoardFrame>, Pixel)>;
 
 /// The markers of a ChArUco board: their size, dictionary and layout.
@@ -20,8 +20,8 @@ pub struct Charuco {
     pub marker_mm: f64,
     /// OpenCV's name of the dictionary, `4X4_50`.
     pub dictionary: String,
-    /// Whether an OpenCV earlier than 4.6 printed the board: with an even number of rows, its first square is white and
-    /// contains a marker.
+    /// Whether an OpenCV version before 4.6 printed the board: with an even number of rows, its first square is white
+    /// and contains a marker.
     pub legacy: bool,
 }
 
@@ -187,7 +187,7 @@ impl Board {
         }
     }
 
-    /// Returns the inner corner in this column and row, from 0; `None` if the board has none there.
+    /// Returns the inner corner in this column and row, from 0; `None` if the board has no such corner.
     pub fn corner(&self, column: usize, row: usize) -> Option<Point<BoardFrame>> {
         let across = match self.pattern {
             Pattern::Circles { asymmetric: true } => 2 * column + row % 2,
@@ -204,7 +204,7 @@ impl Board {
             .collect()
     }
 
-    /// Returns the middle of the inner corners.
+    /// Returns the centre of the inner corners.
     pub fn centre(&self) -> Point<BoardFrame> {
         let half = |count: usize| (count - 1) as f64 * self.square_mm / 2.0;
         let across = if self.circles() == Some(true) { 2 * self.columns } else { self.columns };
@@ -218,8 +218,8 @@ impl Board {
     }
 
     /// Returns the corners to touch in three-point calibration, as (column, row): the origin, the end of the first row,
-    /// and the far end of the last row. The fourth one is the check: it is not an outer corner, so that it breaks the
-    /// board's symmetry.
+    /// and the far end of the last row. The fourth corner is a check: it is not an outer corner, so it breaks the
+    /// symmetry of the board.
     pub fn corners_to_touch(&self) -> [(usize, usize); 4] {
         let [first, second, third, fourth] = self.outer_corners();
         let wanted = (self.columns / 3, self.rows / 3);
@@ -229,8 +229,8 @@ impl Board {
         [first, second, third, all.filter(breaks).min_by_key(|&corner| away(corner)).unwrap_or(fourth)]
     }
 
-    /// Returns whether these corners coincide with each other if the board is rotated or mirrored. If so, the distances
-    /// between them are the same if they are touched from the other end of the board.
+    /// Returns whether these corners coincide with each other if the board is rotated or mirrored. In this case, the
+    /// distances between them are the same if they are touched from the other end of the board.
     pub fn is_symmetric(&self, corners: &[(usize, usize)]) -> bool {
         let (right, low) = (self.columns - 1, self.rows - 1);
         let mut ways: Vec<fn(usize, usize, usize, usize) -> (usize, usize)> =
@@ -252,7 +252,7 @@ impl Board {
                 .any(|way| corners.iter().all(|&(column, row)| corners.contains(&way(column, row, right, low))))
     }
 
-    /// Returns the same ChArUco board with its markers in other layouts, each with a text that states the difference.
+    /// Returns the ChArUco board with its markers in other layouts, each with a text that states the difference.
     pub(super) fn alternative_layouts(&self) -> Vec<(Board, &'static str)> {
         let Some(charuco) = self.markers() else { return Vec::new() };
         let with = |columns: usize, rows: usize, legacy: bool| Board {
@@ -291,8 +291,8 @@ impl Board {
         }
     }
 
-    /// Returns the square (column, row) of each marker, counted from the board's top left, in the order of the
-    /// markers' numbers.
+    /// Returns the square (column, row) of each marker, counted from the top left of the board, in the order of the
+    /// marker numbers.
     pub fn marker_squares(&self) -> Vec<(usize, usize)> {
         let Some(charuco) = self.markers() else { return Vec::new() };
         let (columns, rows) = (self.columns + 1, self.rows + 1);
@@ -349,8 +349,8 @@ mod tests {
         assert!(board.is_unique() && !Board::parse("8x6", 25.0).expect("a board").is_unique());
     }
 
-    /// Calculated by hand, 4×4 squares: the current pattern begins with a black square, the legacy pattern with a
-    /// white one that contains marker 0.
+    /// Expected result for 4×4 squares: the current pattern begins with a black square, the legacy pattern with a white
+    /// square that contains marker 0.
     #[test]
     fn legacy_charuco_with_even_rows_begins_white() {
         let squares = |text: &str| Board::parse(text, 20.0).expect("a board").marker_squares();
@@ -360,8 +360,8 @@ mod tests {
         assert_eq!(odd[0], odd[1], "an odd number of rows has one pattern");
     }
 
-    /// Calculated by hand: the second row of an asymmetric grid begins one distance to the right, and the circles
-    /// of a row are two distances apart.
+    /// Expected result: the second row of an asymmetric grid begins one distance to the right, and the circles of a row
+    /// are two distances apart.
     #[test]
     fn circles_state_their_distance() {
         let board = Board::parse("circles:7x11:40", None).expect("a board");
@@ -378,8 +378,8 @@ mod tests {
         assert!(error.contains("--square-mm is missing"), "{error}");
     }
 
-    /// Calculated by hand, for 9×6 corners: the outer corners form a rectangle, which looks the same mirrored;
-    /// column 3, row 2 does not.
+    /// Expected result for 9×6 corners: the outer corners form a rectangle, which looks the same mirrored; the corner
+    /// in column 3, row 2 breaks the symmetry.
     #[test]
     fn the_fourth_corner_breaks_the_symmetry() {
         let board = Board::parse("9x6", 25.0).expect("a board");
@@ -390,8 +390,8 @@ mod tests {
         assert!(!square.is_symmetric(&square.corners_to_touch()));
     }
 
-    /// The names of the dictionaries are OpenCV's, including AprilTags. Another name is refused once, before any
-    /// picture is examined.
+    /// The names of the dictionaries are those of OpenCV, including AprilTags. An unknown name is refused once, before
+    /// any picture is examined.
     #[test]
     fn dictionaries_are_named_as_opencv_names_them() {
         let name = |text: &str| {

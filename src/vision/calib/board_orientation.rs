@@ -1,14 +1,14 @@
-//! Determines from the robot's poses in which rotation a symmetric board was detected.
+//! Determines from the robot poses in which rotation a symmetric board was detected.
 //!
 //! A grid of circles looks the same rotated by 180°, a square one by 90°; a detector then starts with the uppermost
-//! corner, which is not always the same one. Between two stations i, j the flange and the board rotate by the same
-//! angle,
+//! corner, which is not always the same corner of the board. Between two stations i, j the flange and the board rotate
+//! by the same angle,
 //!     ∠(Aᵢ⁻¹ Aⱼ) = ∠((Bᵢ Tᵢ⁻¹)(Bⱼ Tⱼ⁻¹)⁻¹),                                                                       (1)
-//! with flange poses A, board poses B and rotations T of the board. The rotations of three stations that fulfil (1)
+//! with flange poses A, board poses B and rotations T of the board. The rotations of three stations that satisfy (1)
 //! give a mount in closed form. With this mount, each other station gets the rotation that brings its board nearest to
-//! the boards of the three. The best solution has the least median of the distances, as in `adjust`.
+//! the boards of the three stations. The best solution has the least median of the distances, as in `adjust`.
 //!
-//! Nothing is judged here: stations that fit in no rotation are not changed, and the adjustment reports them.
+//! Nothing is judged here: stations without a matching rotation are not changed, and the adjustment reports them.
 
 use super::adjust::index_triples;
 use super::board::Board;
@@ -23,7 +23,7 @@ use panelprep_base::geometry::{Base, Board as BoardFrame, Flange, PinholeCamera,
 /// for corners in a small picture.
 const MAX_ANGLE_DIFFERENCE_RAD: f64 = 0.05;
 
-/// Returns the rotations after which a board looks as before; the first one is the identity.
+/// Returns the rotations that map the board onto itself; the first one is the identity.
 fn symmetry_rotations(board: &Board) -> Vec<Isometry3<f64>> {
     let far =
         board.corners().into_iter().fold([0.0, 0.0], |far: [f64; 2], q| [far[0].max(q.mm.x), far[1].max(q.mm.y)]);
@@ -45,11 +45,11 @@ fn rotate_corners(corners: &Corners, turn: &Isometry3<f64>) -> Corners {
     corners.iter().map(|(q, pixel)| (Point::<BoardFrame>::new(turn * q.mm), *pixel)).collect()
 }
 
-/// Assigns the corners of each picture to the board as if every board had been detected in the same rotation. Each
-/// picture comes with the flange's pose.
+/// Assigns the corners of each picture to the board as if every board had been detected in the same rotation. The
+/// flange pose of each picture is given with it.
 ///
 /// # Errors
-/// If a picture's corners determine no pose of the board.
+/// If the corners of a picture determine no pose of the board.
 pub fn resolve_symmetry<A: Arrangement>(
     camera: &PinholeCamera,
     board: &Board,
@@ -78,7 +78,7 @@ pub fn resolve_symmetry<A: Arrangement>(
     Ok(())
 }
 
-/// The median distance of the boards from the board of the first station, mm, and the rotation of each station.
+/// Median distance of the boards from the board of the first station, mm, and the rotation of each station.
 type OrientationSolution = (f64, Vec<usize>);
 
 fn closer_solution(best: Option<OrientationSolution>, next: OrientationSolution) -> Option<OrientationSolution> {
@@ -90,14 +90,14 @@ fn closer_solution(best: Option<OrientationSolution>, next: OrientationSolution)
 
 struct Stations {
     holder_from_to: Vec<Isometry3<f64>>,
-    /// The board's pose in the camera's frame, for each station and each rotation.
+    /// For each station and each rotation, the pose of the board in the camera frame.
     rotated_poses: Vec<Vec<Isometry3<f64>>>,
     centre: Point3<f64>,
 }
 
 impl Stations {
     /// Returns the solutions for all stations that follow from three stations: one for each combination of their
-    /// rotations that fulfils (1). The first of the three is not rotated.
+    /// rotations that satisfies (1). The first of the three stations is not rotated.
     fn solve_triple(&self, [a, b, c]: [usize; 3]) -> Vec<OrientationSolution> {
         let mut all = Vec::new();
         for way_b in (0..self.rotated_poses[b].len()).filter(|way| self.have_equal_rotations((a, 0), (b, *way))) {
@@ -129,8 +129,7 @@ impl Stations {
         let held = |index: usize, way: usize| self.holder_from_to[index] * mount * self.rotated_poses[index][way];
         let first = held(three[0].0, 0);
         let apart_mm = |index: usize, way: usize| {
-            // The rotations leave the middle of the board where it is: a second point beside the middle distinguishes
-            // them.
+            // The rotations do not move the centre of the board: a second point beside the centre distinguishes them.
             let beside = self.centre + Vector3::x() * self.centre.coords.norm();
             let board = held(index, way);
             (first * self.centre - board * self.centre).norm() + (first * beside - board * beside).norm()
@@ -152,8 +151,8 @@ mod tests {
     use panelprep_cell::cell::ScannerMount;
     use panelprep_sim::{BoardCell, BoardPrint, RobotNoise};
 
-    /// In each picture the numbering starts at another one of the corners that look like the first corner. The mount is
-    /// as accurate as if it always started at the first corner.
+    /// In each picture the numbering starts at another corner that looks like the first one. The mount is as accurate
+    /// as if the numbering always started at the first corner.
     #[test]
     fn symmetric_boards_give_a_mount() {
         for (columns, rows, ways) in [(7, 7, 4), (8, 6, 2), (9, 6, 1)] {

@@ -1,22 +1,23 @@
 //! The parts of the error at the tool that calibrations determine, mm, each as the radius that contains 95 % of the
 //! errors.
 //!
-//! The complete budget is part of the cycle's record; the panel's pose and the surface's fit are not known here.
+//! The complete budget is part of the record of the cycle; the pose of the panel and the fit of its surface are not
+//! known here.
 
 use super::health::Verification;
 
-/// Two parts of the budget; `None` while not measured.
+/// Two parts of the error budget; `None` while a part is not measured.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Parts {
-    /// The uncertainty of the mounts of both cameras at the panel, as stated by their calibrations.
+    /// Uncertainty of the mounts of both cameras at the panel, as stated by their calibrations, mm.
     pub hand_eye_mm: Option<f64>,
-    /// The robot and its tool: the uncertainty that the tool's calibration states, and the error of the last touch
-    /// of known points.
+    /// Robot and tool, mm: the uncertainty that the tool calibration states, and the error of the last touch of known
+    /// points.
     pub robot_mm: Option<f64>,
 }
 
-/// Returns the parts of the budget from the stated uncertainties of the files in use, mm, and the last touch check
-/// of the tool's file. Only a touch shows the robot's absolute error, so without one the robot's part is not
+/// Returns the parts of the budget from the stated uncertainties of the files in use, mm, and from the last touch check
+/// in the tool's file. Only a touch shows the absolute error of the robot, so without a touch the robot's part is not
 /// measured.
 pub fn parts(mounts_mm: [Option<f64>; 2], tool_mm: Option<f64>, last_touch: Option<&Verification>) -> Parts {
     let both = |one: Option<f64>, other: Option<f64>| Some(one?.hypot(other?)).filter(|mm| mm.is_finite());
@@ -28,8 +29,8 @@ pub fn parts(mounts_mm: [Option<f64>; 2], tool_mm: Option<f64>, last_touch: Opti
 mod tests {
     use super::*;
 
-    /// Calculated by hand: an uncertainty of the tool of 0.3 mm and an error of the touch of 0.4 mm give √(0.3² + 0.4²)
-    /// = 0.5 mm.
+    /// Expected value, calculated by hand: an uncertainty of the tool of 0.3 mm and an error of the touch of 0.4 mm are
+    /// √(0.3² + 0.4²) = 0.5 mm.
     #[test]
     fn tool_and_touch_errors_are_added_as_root_sum_of_squares() {
         let touch = Verification {

@@ -1,12 +1,13 @@
-//! The chain from camera to board: how a corner in a station's view moves with camera mount, board, flange and lens.
-//! This is equation (1) of `adjust` and its derivatives, collected for each station as its part of the normal
+//! The kinematic chain from camera to board: how a corner in a station's view moves with camera mount, board, flange
+//! and lens. This is equation (1) of `adjust` with its derivatives, summed for each station as its part of the normal
 //! equations.
 //!
 //! Camera and board have two arrangements (thesis Fig. 3.8): camera in the cell and board on the flange, or the
-//! reverse. In both, `camera_from_board = to_from_camera⁻¹ · to_from_holder · holder_from_board` (Eq. 3.18, 3.19).
-//! Only the middle factor moves: `base_from_flange` for a fixed camera, `flange_from_base` for one on the flange.
+//! reverse. In both, `camera_from_board = to_from_camera⁻¹ · to_from_holder · holder_from_board` (Eq. 3.18, 3.19). Only
+//! the middle factor moves: `base_from_flange` for a fixed camera, `flange_from_base` for a camera on the flange.
 //!
-//! The pose of the board in one picture, or in one 3D shot, is that of perspective-n-point (thesis 3.7) or Kabsch.
+//! The pose of the board in one picture is that of perspective-n-point (thesis 3.7); in one 3D scan it is that of
+//! Kabsch.
 
 use super::error::CalibError;
 use super::foreign;
@@ -14,14 +15,14 @@ use nalgebra::{Isometry3, Matrix3, Matrix6, SMatrix, SVector, Vector3};
 use panelprep_base::geometry::{Base, Board, Flange, Frame, PinholeCamera, Pixel, Point, Rigid, fit_rigid_motion};
 use panelprep_cell::cell::{FlangeCameraMount, Mount, ScannerMount};
 
-/// States which of camera and board moves with the flange.
+/// The arrangement of camera and board: which of them moves with the flange.
 pub trait Arrangement: Mount + Copy + std::fmt::Debug {
     /// The frame of the part that carries the board.
     type Holder: Frame;
     /// Whether the camera moves with the flange.
     const EYE_IN_HAND: bool;
 
-    /// Returns the part of the chain that moves.
+    /// Returns the moving factor of the chain.
     fn to_from_holder(base_from_flange: &Rigid<Base, Flange>) -> Rigid<Self::To, Self::Holder>;
 }
 
@@ -43,7 +44,7 @@ impl Arrangement for FlangeCameraMount {
     }
 }
 
-/// A small motion, a rotation by `ω` rad and a shift by `v` mm, written (ω, v).
+/// A small motion (ω, v): a rotation by `ω` rad and a shift by `v` mm.
 pub(super) type Twist = nalgebra::Vector6<f64>;
 
 pub(super) fn exp_map(twist: &Twist) -> Isometry3<f64> {
@@ -55,7 +56,7 @@ pub(super) fn log(motion: &Isometry3<f64>) -> Twist {
     Twist::new(turn.x, turn.y, turn.z, shift.x, shift.y, shift.z)
 }
 
-/// A camera's observation of the board.
+/// The observation of the board by a camera.
 #[derive(Debug, Clone, PartialEq)]
 pub enum BoardObservation<C: Frame> {
     /// Corners in a picture.
@@ -80,10 +81,10 @@ impl<C: Frame> BoardObservation<C> {
     }
 }
 
-/// One picture of the board with the flange pose that the robot reported.
+/// One picture of the board with the reported flange pose.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Station<C: Frame> {
-    /// The picture's name in messages.
+    /// Name of the picture in messages.
     pub name: String,
     /// The flange pose that the robot reported.
     pub base_from_flange: Rigid<Base, Flange>,
@@ -95,7 +96,7 @@ pub struct Station<C: Frame> {
 pub(super) type MountBoardMatrix = SMatrix<f64, 12, 12>;
 type NormalMatrix = SMatrix<f64, 18, 18>;
 
-/// One station's part of the normal equations, for X, Y and e in this order.
+/// The part of one station in the normal equations, for X, Y and e in this order.
 pub(super) struct StationGram {
     pub normal: NormalMatrix,
     pub gradient: SVector<f64, 18>,
@@ -139,13 +140,13 @@ pub(super) enum LengthFactor {
     Focal,
 }
 
-/// One station's part of the normal equations of a scale factor.
+/// The part of one station in the normal equations of a scale factor.
 pub(super) struct ScaleGram {
-    /// The factor's cross terms with X, Y and e.
+    /// Cross terms of the factor with X, Y and e.
     pub cross_terms: SVector<f64, 18>,
     pub square: f64,
     pub pull: f64,
-    /// The factor's cross terms with the lens parameters.
+    /// Cross terms of the factor with the lens parameters.
     pub lens: SMatrix<f64, 1, 9>,
 }
 
@@ -155,7 +156,7 @@ impl ScaleGram {
     }
 }
 
-/// The derivatives of a corner in the camera's frame with respect to small rotations and shifts of camera, board and
+/// The derivatives of a corner in the camera frame with respect to small rotations and shifts of camera, board and
 /// flange.
 struct Corner {
     camera: (Matrix3<f64>, Matrix3<f64>),
@@ -207,7 +208,7 @@ impl Chain {
         let seen = (camera_from_board * q.mm).coords;
         let board_turn = camera_from_board.rotation.to_rotation_matrix().into_inner();
         let in_holder = self.holder_from_board * q.mm;
-        // exp(e) acts directly on the point in the flange's frame; if the camera is on the flange, its inverse acts on
+        // exp(e) acts on the point in the flange frame; if the camera is on the flange, the inverse of exp(e) acts on
         // it.
         let (in_flange, flange_turn) = if self.eye_in_hand {
             let turn = -self.camera_from_to.rotation.to_rotation_matrix().into_inner();
@@ -223,7 +224,7 @@ impl Chain {
         (seen, corner)
     }
 
-    /// Returns this station's part of the normal equations; `None` if a corner would be behind the camera.
+    /// Returns the part of this station in the normal equations; `None` if a corner would be behind the camera.
     pub fn gram<C: Frame>(&self, camera: &PinholeCamera, seen: &BoardObservation<C>) -> Option<StationGram> {
         let (mut gram, camera_from_holder) = (StationGram::empty(), self.camera_from_holder());
         match seen {
@@ -244,9 +245,9 @@ impl Chain {
         Some(gram)
     }
 
-    /// Returns the part of the normal equations for a factor 1 + s as an unknown beside mount, board and flange. The
-    /// factor scales either the board's squares, so that every corner lies at (1 + s) · q, or the focal lengths. The
-    /// points of a 3D camera do not depend on the focal lengths.
+    /// Returns the part of this station in the normal equations of a factor 1 + s, as an unknown in addition to mount,
+    /// board and flange. The factor scales either the squares of the board, so that every corner is at (1 + s) · q, or
+    /// the focal lengths. The points of a 3D camera do not depend on the focal lengths.
     pub fn factor_gram<C: Frame>(
         &self,
         camera: &PinholeCamera,
@@ -308,16 +309,16 @@ impl Chain {
     }
 }
 
-/// A board's pose with the residual of its corners: px for pixels, mm for points.
+/// The pose of a board with the residual of its corners: px for pixels, mm for points.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BoardPose<C: Frame> {
     /// The board's pose.
     pub camera_from_board: Rigid<C, Board>,
-    /// Root mean square of the distances between measured and computed corners.
+    /// Root mean square distance between measured and computed corners.
     pub rms: f64,
 }
 
-/// Computes the board's pose from the observation.
+/// Computes the pose of the board from the observation.
 ///
 /// # Errors
 /// If fewer than four corners were seen, or OpenCV finds no pose.
@@ -340,7 +341,7 @@ pub fn board_pose<C: Frame>(
     }
 }
 
-/// Returns the pose that maps the board's points best onto the measured ones.
+/// Returns the least-squares pose that maps the points of the board onto the measured ones.
 fn kabsch<C: Frame>(corners: &[(Point<Board>, Point<C>)]) -> Result<BoardPose<C>, CalibError> {
     if corners.len() < 4 {
         let words = format!(
@@ -361,8 +362,8 @@ mod tests {
     use super::*;
     use panelprep_base::geometry::Camera;
 
-    /// Calculated by hand: a rotation by 90° about Z, then a shift of 100 mm along Z. The mirror image of the plane is
-    /// not a solution.
+    /// Expected result, calculated by hand: a rotation by 90° about Z, then a shift of 100 mm along Z. The mirror image
+    /// of the plane is not a solution.
     #[test]
     fn measured_points_give_the_pose() {
         let places = [[0.0, 0.0], [200.0, 0.0], [200.0, 125.0], [0.0, 125.0], [75.0, 50.0]];

@@ -1,15 +1,15 @@
 //! ChArUco boards: their markers identify the corners, even if a part of the board is covered.
 //!
-//! OpenCV's aruco module finds the markers. The corners of the squares are predicted from the corners of the markers
+//! OpenCV's aruco module detects the markers. The corners of the squares are predicted from the corners of the markers
 //! and located by the print around them (`print`). Each located corner predicts the next ones, so a few markers are
 //! enough. A board is accepted if the picture shows its markers between the corners. The layout is defined in this
 //! program, so that any version reads boards printed by OpenCV before 4.6 (`legacy`) and since.
 //!
-//! If that finds too few corners, the lattice of a chessboard is used, which needs no readable marker. The squares
-//! meet in corners as those of a chessboard do. `chessboard` joins them to a lattice even if blur, noise or a glare
-//! hides the markers' codes. The lattice can lie on the board in four rotations and at several positions. For each of
-//! these the grey levels at the centres of all cells are compared with the print, square by square. One assignment
-//! must be clearly the best.
+//! If this search finds too few corners, the lattice of a chessboard is used, which needs no readable marker. The
+//! squares meet in corners as those of a chessboard do. `chessboard` joins these corners to a lattice even if blur,
+//! noise or a glare hides the codes of the markers. The lattice can be assigned to the board in four rotations and at
+//! several positions. For each assignment the grey levels at the centres of all cells are compared with the print,
+//! square by square. One assignment must be clearly the best.
 
 use super::board::{Board, Charuco, Corners};
 use super::chessboard::Grid;
@@ -26,18 +26,18 @@ use panelprep_base::geometry::{Board as BoardFrame, GrayPicture, Pixel, Point};
 use panelprep_cell::imaging::ImagingError;
 use std::collections::BTreeMap;
 
-/// Minimum number of corners that determine the board's position well.
+/// Minimum number of corners that determine the position of the board well.
 const MIN_CORNERS: usize = 8;
-/// Maximum distance of a marker's corner from the common plane of all markers, as a share of the marker's side. The
-/// distortion of a lens causes a much smaller distance.
+/// Maximum distance of a corner of a marker from the common plane of all markers, as a fraction of the side of the
+/// marker. The distortion of a lens causes a much smaller distance.
 const MAX_PLANE_DISTANCE_SHARE: f64 = 0.6;
-/// If the markers lead to at least this fraction of the corners, the other corners count as hidden, and the search for
-/// a lattice is omitted.
+/// Minimum fraction of the corners that the markers must lead to; the other corners are then treated as hidden, and the
+/// search for a lattice is omitted.
 const MIN_CORNER_SHARE: f64 = 0.6;
 /// Maximum number of lattices that are compared with the board in one search pass.
 const MAX_LATTICES: usize = 6;
 
-/// Finds the board, or reports which other board the picture shows.
+/// Detects the board, or reports which other board the picture shows.
 pub(super) fn detect(
     name: &str,
     picture: &GrayPicture,
@@ -52,8 +52,8 @@ pub(super) fn detect(
     let shows = |picture: &GrayPicture, board: &Board| {
         let markers = board.markers()?;
         let corners = detect_board(name, picture, board, markers, None).ok()?.corners.len();
-        // A few markers of another layout may agree with this layout. Only the layout that the picture really shows is
-        // found completely.
+        // A few markers of another layout may agree with this layout. Only the layout that the picture shows is found
+        // completely.
         (corners as f64 >= MIN_CORNER_SHARE * board.count() as f64).then_some(corners)
     };
     let other = |what: String| CalibError::OtherCharuco { picture: name.to_owned(), what };
@@ -92,11 +92,11 @@ pub(super) fn detect(
     Err(missing)
 }
 
-/// Minimum number of markers that show a board; fewer may be found by chance.
+/// Minimum number of markers of a detected board; fewer may be found by chance.
 const MIN_BOARD_MARKERS: usize = 4;
-/// Minimum number of markers that show a board of a dictionary that the user did not name.
+/// Minimum number of markers of a detected board whose dictionary the user did not name.
 const MIN_OTHER_BOARD_MARKERS: usize = 6;
-/// The largest dictionary of each family; it begins with the markers of the smaller ones.
+/// The largest dictionary of each family; it begins with the markers of the smaller dictionaries.
 const DICTIONARIES: [&str; 9] = [
     "4X4_1000",
     "5X5_1000",
@@ -180,7 +180,7 @@ fn detect_board(
     if found.corners.len() < MIN_CORNERS { Err(none()) } else { Ok(found) }
 }
 
-/// Returns the markers that fit one common plane. Markers of other objects and wrongly read markers are removed.
+/// Returns the markers on one common plane. Markers of other objects and wrongly read markers are removed.
 fn filter_coplanar(mut markers: Vec<GridSquare>, board: &Board, charuco: &Charuco) -> Vec<GridSquare> {
     while markers.len() >= 3 {
         let (places, pixels) = match_markers(board, charuco, &markers);
@@ -200,7 +200,7 @@ fn filter_coplanar(mut markers: Vec<GridSquare>, board: &Board, charuco: &Charuc
     markers
 }
 
-/// Returns the positions of the markers' corners on the board, mm, and their pixels.
+/// Returns the positions of the marker corners on the board, mm, and their pixels.
 fn match_markers(board: &Board, charuco: &Charuco, markers: &[GridSquare]) -> (Vec<[f64; 2]>, Vec<Pixel>) {
     let (square, inset) = (board.square_mm(), (board.square_mm() - charuco.marker_mm) / 2.0);
     let side = charuco.marker_mm;
@@ -214,8 +214,8 @@ fn match_markers(board: &Board, charuco: &Charuco, markers: &[GridSquare]) -> (V
 }
 
 /// Returns the markers with their numbers, from search passes at increasing picture sizes: a large board is found
-/// completely in a small picture, and the last pass is limited like that for a chessboard. The corners are those of the
-/// largest picture in which the marker was found.
+/// completely in a small picture, and the size of the last pass is limited as for a chessboard. The corners are those
+/// of the largest picture in which the marker was found.
 fn markers(
     picture: &GrayPicture,
     dictionary: i32,
@@ -263,8 +263,8 @@ fn detect_from_lattices(search: &Search, cells: &Cells) -> Result<CornerMap, Ima
     Ok(best)
 }
 
-/// Returns the cells of a board's markers with their black rims, in the order of [`Board::marker_squares`], to print
-/// the board.
+/// Returns the cells of the markers of a board with their black rims, in the order of [`Board::marker_squares`], for
+/// printing the board.
 ///
 /// # Errors
 /// If the dictionary is unknown or has too few markers.
@@ -279,17 +279,16 @@ pub fn marker_cells(board: &Board) -> Result<Vec<Vec<bool>>, CalibError> {
     Ok(cells.collect::<Result<_, _>>()?)
 }
 
-/// A corner is predicted from the known corners within `PREDICTION_RADIUS_SQUARES` squares, at most `MAX_NEIGHBOURS` of
-/// them.
+/// Radius around a corner within which known corners predict it, in squares; at most `MAX_NEIGHBOURS` of them are used.
 const PREDICTION_RADIUS_SQUARES: f64 = 2.6;
 const MAX_NEIGHBOURS: usize = 20;
-/// Limits of the search: the number of its rounds; the standard deviation of a corner, px; and the distance of a corner
-/// from its prediction, as a share of a square's side.
+/// Limits of the search: number of iterations (`MAX_ROUNDS`), standard deviation of a corner, px (`MAX_CORNER_STD_PX`),
+/// and distance of a corner from its prediction, as a fraction of the side of a square (`MAX_PREDICTION_ERROR_SHARE`).
 const MAX_ROUNDS: usize = 12;
 const MAX_CORNER_STD_PX: f64 = 0.6;
 const MAX_PREDICTION_ERROR_SHARE: f64 = 0.2;
 
-/// Positions on the board, mm, and their pixels.
+/// Positions on the board, mm, each with its pixel.
 pub(super) type PointPairs = Vec<([f64; 2], Pixel)>;
 /// Corners by column and row.
 pub(super) type CornerMap = BTreeMap<(usize, usize), (Point<BoardFrame>, Pixel)>;
@@ -305,7 +304,7 @@ struct Search<'a> {
 
 impl Search<'_> {
     /// Finds further corners from the known ones until no more are found, each from the corners near it, and returns
-    /// all.
+    /// all corners.
     pub fn grow(&self, mut known: PointPairs) -> CornerMap {
         let mut all = CornerMap::new();
         let mut blur_px = None;
@@ -341,7 +340,7 @@ impl Search<'_> {
         all
     }
 
-    /// Predicts the corners that were not found from those that were found.
+    /// Predicts the missing corners from the found ones.
     pub fn predict_missing(&self, all: &CornerMap) -> Corners {
         let known = known_positions(all);
         let places =
@@ -356,7 +355,7 @@ impl Search<'_> {
     }
 
     /// Returns whether the picture shows the markers at the positions that the corners predict, in the odd rows of
-    /// squares as well as in the even ones. In a board's other pattern (`legacy`), every second row has the same
+    /// squares as well as in the even rows. In the other pattern of a board (`legacy`), every second row has the same
     /// markers at the same positions.
     pub fn shows_markers(&self, all: &CornerMap, cells: &Cells) -> bool {
         let Some(markers) = self.board.markers() else { return false };
@@ -376,7 +375,7 @@ impl Search<'_> {
             && rows.iter().any(|all| !all.is_empty())
     }
 
-    /// Returns the view of a corner as its neighbours predict it.
+    /// Returns the view of a corner that its neighbours predict.
     fn view(&self, known: &PointPairs, column: usize, row: usize) -> Option<MatchWindow> {
         let q = self.board.corner(column, row)?;
         let place = [q.mm.x, q.mm.y];
@@ -421,14 +420,14 @@ fn known_positions(all: &CornerMap) -> PointPairs {
     all.values().map(|(q, pixel)| ([q.mm.x, q.mm.y], *pixel)).collect()
 }
 
-/// Returns the inner corners of a square: the square (c, r) lies between the corners (c − 1, r − 1) and (c, r).
+/// Returns the inner corners of a square: the square (c, r) is between the corners (c − 1, r − 1) and (c, r).
 fn square_corners((column, row): (usize, usize)) -> Vec<(usize, usize)> {
     let before = |index: usize| index.checked_sub(1).into_iter().chain([index]);
     before(row).flat_map(|row| before(column).map(move |column| (column, row))).collect()
 }
 
-/// Minimum correlation of the grey levels with the print, over all squares with markers. It must exceed the second-best
-/// correlation by at least `MIN_CORRELATION_MARGIN`.
+/// Minimum correlation of the grey levels with the print, over all squares with markers. The correlation must exceed
+/// the second-best one by at least `MIN_CORRELATION_MARGIN`.
 const MIN_PRINT_CORRELATION: f64 = 0.4;
 const MIN_CORRELATION_MARGIN: f64 = 0.15;
 /// Minimum number of squares with markers that are compared.
@@ -440,7 +439,7 @@ type LatticeCorners = Vec<((i32, i32), Pixel)>;
 /// The cells of each marker of a board, with the column and row of its square.
 pub(super) type Cells = Vec<((usize, usize), Vec<bool>)>;
 
-/// Assigns the seen corners of a lattice to the corners of the board; `None` if no position is clearly the best.
+/// Assigns the corners of a lattice to the corners of the board; `None` if no assignment is clearly the best.
 fn assign_lattice(smooth: &SmoothedPicture, grid: &Grid, board: &Board, cells: &Cells) -> Option<LatticeCorners> {
     let share = board.markers()?.marker_mm / board.square_mm();
     let mut seen: LatticeCorners = Vec::new();
@@ -503,8 +502,8 @@ fn print_correlation(smooth: &SmoothedPicture, corners: &LatticeCorners, cells: 
     (all.len() >= MIN_COMPARED_SQUARES).then(|| all.iter().sum::<f64>() / all.len() as f64)
 }
 
-/// Returns the correlation of the grey levels with a square's print, without `rim` cells at its border: the outermost
-/// cells are black in every marker.
+/// Returns the correlation of the grey levels with the print of a square, without `rim` cells at its border: the
+/// outermost cells are black in every marker.
 fn correlation(
     smooth: &SmoothedPicture,
     plane: &Matrix3<f64>,

@@ -1,9 +1,9 @@
-//! Finds a chessboard in a picture to about a pixel, with a computing time that does not depend on the picture's
-//! content.
+//! Detects a chessboard in a picture to about a pixel, with a computing time that does not depend on the content of the
+//! picture.
 //!
 //! The picture is examined several times, at a small size first: a large board is found there, and the last pass
 //! examines at most [`MAX_SEARCHED_PX`] pixels. Each pass joins crossings of edges to lattices (`crossings`). A lattice
-//! with the board's columns and rows is the board, even if a glare hides some of its corners. No further line of
+//! with the columns and rows of the board is the board, even if a glare hides some of its corners. No further line of
 //! corners may follow an outer line, since a part of a larger board is not the board. Neither a white rim nor light
 //! around the board is needed. (`findChessboardCorners` combines contours: fine texture, or a glare, can occupy it for
 //! minutes. `findChessboardCornersSB` misses boards in the dark, and with a glare; it is used for the last pass, at a
@@ -22,21 +22,21 @@ const MAX_SEARCHED_PX: usize = 3_400_000;
 const MIN_SIDE_PX: usize = 480;
 /// Maximum number of pixels that the last pass, `findChessboardCornersSB`, examines.
 const MAX_SECTOR_BASED_PX: usize = 850_000;
-/// Minimum fraction of an outer line's corners that must be seen; otherwise the line is removed. The three values apply
-/// to a board with a glare near its rim, a board with a glare elsewhere, and a board with an object beside it that
-/// looks like corners.
+/// Minimum fraction of the corners of an outer line that must be detected; otherwise the line is removed. The three
+/// values apply to a board with a glare near its rim, a board with a glare elsewhere, and a board with an object beside
+/// it that looks like corners.
 const MIN_OUTER_LINE_SHARES: [f64; 3] = [0.2, 0.45, 0.65];
 /// Minimum number of inner corners along a side of a chessboard.
 const MIN_BOARD_CORNERS: usize = 3;
-/// Minimum share of the board's corners that must be seen.
+/// Minimum fraction of the corners of the board that must be detected.
 const MIN_SEEN_SHARE: f64 = 0.5;
-/// Minimum share of the corners of another board that must be seen before that board is reported.
+/// Minimum fraction of the corners of another board that must be detected before that board is reported.
 const MIN_OTHER_BOARD_SHARE: f64 = 0.8;
-/// If at least this share of a line beyond the board consists of corners, the line belongs to a larger board.
+/// Minimum fraction of a line beyond the board that consists of corners, for the line to belong to a larger board.
 const MIN_NEXT_LINE_SHARE: f64 = 0.4;
-/// Minimum ratio of the contrast of a corner beyond an outer line to that of the corner on this line.
+/// Minimum ratio of the contrast of a corner beyond an outer line to the contrast of the corner on this line.
 const MIN_NEXT_CONTRAST_RATIO: f64 = 0.7;
-/// A predicted corner is searched for within this fraction of the distance to its neighbour.
+/// Maximum distance of a corner from its predicted position, as a fraction of the distance to its neighbour.
 const WINDOW_SHARE: f64 = 0.3;
 
 /// A corner of the board.
@@ -51,9 +51,9 @@ pub(super) struct Node {
 /// The result of the search in a picture.
 #[derive(Debug, PartialEq)]
 pub(super) enum Search {
-    /// The board: its corners row by row.
+    /// The board, with its corners row by row.
     Board(Vec<Node>),
-    /// Another board, by its inner corners, the longer side first.
+    /// Another board, given by its numbers of inner corners, the longer side first.
     Other([usize; 2]),
     /// No corners.
     Nothing,
@@ -90,7 +90,7 @@ pub(super) fn find(picture: &GrayPicture, board: &Board) -> Result<Search, Imagi
 }
 
 /// Searches a last time, with `findChessboardCornersSB`, which joins corners that are distorted or dirty. The picture
-/// is reduced to a size at which this takes a short time.
+/// is reduced to a size at which this search takes a short time.
 fn sector_based(picture: &GrayPicture, board: &Board) -> Result<Option<Vec<Node>>, ImagingError> {
     let small_enough = |times: &usize| picture.gray.len() / (times * times) <= MAX_SECTOR_BASED_PX;
     let Some(times) = reduction_factors(picture).into_iter().rfind(small_enough) else { return Ok(None) };
@@ -126,8 +126,7 @@ pub(super) fn detect_lattices(picture: &GrayPicture, times: usize) -> Result<Vec
     let smooth = SmoothedPicture::from_picture(small);
     let all = crossings(&smooth);
     let found = lattices(&smooth, &all);
-    // An outer line of which half of the corners are missing may be partly hidden, or may be an object beside the
-    // board.
+    // An outer line with half of its corners missing may be partly hidden, or may be an object beside the board.
     let grids = found.into_iter().flat_map(|lattice| {
         let mut all = MIN_OUTER_LINE_SHARES.map(|share| trim_sparse_lines(lattice.clone(), share)).to_vec();
         all.dedup_by_key(|lattice| lattice.len());
@@ -150,7 +149,7 @@ pub(super) struct Grid {
 }
 
 impl Grid {
-    /// Completes a lattice with its missing corners; `None` if it determines no plane.
+    /// Completes a lattice with its missing corners; `None` if the lattice determines no plane.
     fn from_lattice(lattice: &Lattice, crossings: &[Crossing]) -> Option<Self> {
         let [(left, right), (low, high)] = extent(lattice);
         let (columns, rows) = ((right - left + 1) as usize, (high - low + 1) as usize);
@@ -186,7 +185,7 @@ impl Grid {
         self.seen_count() as f64 / self.nodes.len() as f64
     }
 
-    /// Returns whether enough of each outer line was seen.
+    /// Returns whether enough corners of each outer line were detected.
     fn has_complete_sides(&self) -> bool {
         let line = |first: usize, step: usize, count: usize| {
             let seen = (0..count).filter(|index| self.nodes[first + index * step].is_seen).count();
@@ -204,7 +203,7 @@ impl Grid {
         [self.columns.max(self.rows), self.columns.min(self.rows)]
     }
 
-    /// Returns the same corners with this number of columns and rows; `None` if the grid has other numbers.
+    /// Returns the grid with this number of columns and rows, rotated if needed; `None` if its numbers are different.
     fn rotated_to_size(&self, columns: usize, rows: usize) -> Option<Grid> {
         if (self.columns, self.rows) == (columns, rows) {
             return Some(self.clone());
@@ -215,8 +214,8 @@ impl Grid {
     }
 }
 
-/// Predicts the pixel of a position by a homography, and corrects it by the deviations of the nearest corners, because
-/// a lens displaces them.
+/// Predicts the pixel of a position by a homography, and corrects it by the deviations of the nearest corners, which
+/// contain the distortion of the lens.
 fn predict_pixel(
     plane: &Matrix3<f64>,
     place: [f64; 2],
@@ -247,7 +246,7 @@ fn extends_beyond(picture: &GrayPicture, grid: &Grid) -> bool {
     };
     let (columns, rows) = (grid.columns, grid.rows);
     let noise = noise(picture);
-    // Three corners of each line that runs across, from the outer one inwards, and the neighbour along the outer line.
+    // Three corners of each line across, from the outer one inwards, and the neighbour along the outer line.
     let inwards = |column: usize, row: usize, side: usize| match side {
         0 => [at(0, row), at(1, row), at(2, row)],
         1 => [at(columns - 1, row), at(columns - 2, row), at(columns - 3, row)],
@@ -283,7 +282,7 @@ fn extends_beyond(picture: &GrayPicture, grid: &Grid) -> bool {
     })
 }
 
-/// Returns the corners in the board's own order, never mirrored. A board with a unique first corner begins with the
+/// Returns the corners in the order of the board, never mirrored. A board with a unique first corner begins with the
 /// black outer square. A square board begins in the upper left, any other board with its upper end.
 fn orient_corners(grid: Grid, picture: &GrayPicture, board: &Board) -> Vec<Node> {
     let (columns, rows, mut corners) = (grid.columns, grid.rows, grid.nodes);
@@ -305,8 +304,8 @@ fn orient_corners(grid: Grid, picture: &GrayPicture, board: &Board) -> Vec<Node>
     corners
 }
 
-/// Returns the corners of a square grid in that one of four rotations in which the first corner is nearest to the
-/// picture's upper left.
+/// Returns the corners of a square grid in that one of four rotations in which the first corner is nearest to the upper
+/// left of the picture.
 fn upper_left_first(corners: Vec<Node>, side: usize) -> Vec<Node> {
     let turned = |corners: &Vec<Node>| -> Vec<Node> {
         let at = |index: usize| corners[(side - 1 - index % side) * side + index / side];
@@ -318,10 +317,9 @@ fn upper_left_first(corners: Vec<Node>, side: usize) -> Vec<Node> {
     all.into_iter().min_by(|a, b| away(a).total_cmp(&away(b))).unwrap_or_default()
 }
 
-/// Returns whether the outer square at the first corner is white, determined from all squares between corners that were
-/// seen.
+/// Returns whether the outer square at the first corner is white, determined from all squares between detected corners.
 fn is_first_square_white(corners: &[Node], columns: usize, picture: &GrayPicture) -> bool {
-    // Sum and count of the squares with the outer square's colour, and of the others.
+    // Sum and count of the squares with the colour of the outer square, and of the other squares.
     let mut sums = [(0.0, 0.0); 2];
     for index in (0..corners.len() - columns).filter(|index| index % columns + 1 < columns) {
         let around = [index, index + 1, index + columns, index + columns + 1].map(|index| corners[index]);
@@ -335,7 +333,7 @@ fn is_first_square_white(corners: &[Node], columns: usize, picture: &GrayPicture
     same > others
 }
 
-/// Returns the mean of the nine pixels around a pixel.
+/// Returns the mean grey level of the nine pixels around a pixel.
 fn gray_at(picture: &GrayPicture, at: Pixel) -> Option<f64> {
     let (column, row) = at.nearest_whole(picture.width, picture.height)?;
     let columns = column.saturating_sub(1)..(column + 2).min(picture.width);
@@ -349,8 +347,8 @@ fn gray_at(picture: &GrayPicture, at: Pixel) -> Option<f64> {
 mod tests {
     use super::*;
 
-    /// Calculated by hand: 2592 px are halved to 1296 px and 648 px; 5.0 megapixels are more than one pass may examine.
-    /// A small picture is examined at its full size.
+    /// Expected values, calculated by hand: 2592 px are halved to 1296 px and 648 px; 5.0 megapixels are more than the
+    /// maximum of one pass. A small picture is examined at its full size.
     #[test]
     fn the_last_search_pass_is_limited_and_the_first_one_is_small() {
         let all = |width: usize, height: usize| reduction_factors(&GrayPicture::uniform(width, height, 0));
@@ -360,7 +358,7 @@ mod tests {
         assert_eq!(all(300, 200), [1]);
     }
 
-    /// Calculated by hand for a grid of 2 columns and 3 rows, seen mirrored, transposed and upside down: the corner in
+    /// Expected result for a grid of 2 columns and 3 rows, seen mirrored, transposed and upside down: the corner in
     /// column c and row r has the pixel (u, v) = (c, r).
     #[test]
     fn corners_in_any_order_are_put_into_the_board_s_order() {
@@ -375,7 +373,7 @@ mod tests {
         assert_eq!(turned.rotated_to_size(4, 3).map(|grid| grid.nodes), Some(right.clone()));
         assert_eq!(turned.rotated_to_size(5, 3), None);
         let picture = GrayPicture::uniform(8, 8, 0);
-        // Both sides even: the upper end comes first, independent of the order in which the corners were found.
+        // Both sides are even: the upper end comes first, independent of the order in which the corners were found.
         let board = Board::parse("6x4", 1.0).expect("a board");
         let upright: Vec<(usize, usize)> = (0..24).map(|i| (i % 6, i / 6)).collect();
         let expected: Vec<Node> = upright.iter().copied().map(node).collect();

@@ -1,15 +1,15 @@
-//! Finds filled ellipses in a picture and joins them to the grid of a board of circles.
+//! Detects filled ellipses in a picture and joins them to the grid of a board of circles.
 //!
-//! Candidates for circles are darker or lighter than their surroundings. A pixel counts if it differs from the mean of
-//! its surroundings. Adjacent pixels form a connected component. A component of area A with the covariance C of its
-//! pixels is an ellipse if A = 4π √det C, which neither letters nor wood grain fulfil. The computing time grows only
-//! with the number of pixels.
+//! Candidates for circles are darker or lighter than their surroundings. A pixel belongs to a candidate if it differs
+//! enough from the mean of its surroundings. Adjacent pixels form a connected component. A component of area A with the
+//! covariance C of its pixels is an ellipse if A = 4π √det C, which neither letters nor wood grain satisfy. The
+//! computing time grows only with the number of pixels.
 //!
 //! A lattice grows from a blob and two of its neighbours. Each step is predicted from the previous one, so that a lens
-//! and a tilt may deform the lattice. Its two directions are not always those of the board's rows: with a tilt a
-//! diagonal may be nearer, and the rows of an asymmetric board are diagonals of its lattice. So the coordinates are
-//! rotated and sheared by small integers until they are those of the board. The number of blobs that are examined from
-//! each position is limited, and so is the computing time.
+//! and a tilt may deform the lattice. Its two directions are not always those of the rows of the board: with a tilt a
+//! diagonal may be shorter, and the rows of an asymmetric board are diagonals of its lattice. The coordinates are
+//! therefore rotated and sheared by small integers until they are those of the board. The number of blobs that are
+//! examined from each position is limited, and so is the computing time.
 
 use super::board::Board;
 use nalgebra::{Matrix2, Vector2};
@@ -27,7 +27,7 @@ pub(super) struct Blob {
 
 /// Minimum area of a component with a recognizable shape, px.
 const MIN_AREA_PX: f64 = 12.0;
-/// Maximum area of a circle, as a share of the picture: a larger component is not one circle among many.
+/// Maximum area of a circle, as a fraction of the picture: a larger component is not one circle among many.
 const MAX_AREA_SHARE: f64 = 0.03;
 /// Maximum difference of A / (4π √det C) from 1.
 const MAX_ROUNDNESS_ERROR: f64 = 0.12;
@@ -37,15 +37,15 @@ const MAX_AXIS_RATIO: f64 = 3.5;
 const MIN_CONTRAST: f64 = 6.0;
 /// Minimum grey level of a pixel that may belong to a glare, which would raise the mean of the surroundings.
 const MIN_GLARE_GRAY: u8 = 225;
-/// Pixels around a glare may belong to it, too. Their maximum distance is the picture's longer side divided by this
-/// number.
+/// Divisor for the maximum distance of pixels that may belong to a glare beside them: the longer side of the picture
+/// divided by this number.
 const GLARE_RIM_DIVISOR: usize = 40;
 /// The amount that each pixel adds to a sum so that the sum also counts the pixels: more than the sum of all grey
 /// levels of a picture.
 const PIXEL_COUNT_UNIT: u64 = 1 << 36;
 
-/// Finds the blobs that are darker, or lighter, than the mean of ± `reach_px` around them; `sums` are the
-/// picture's.
+/// Finds the blobs that are darker, or lighter, than the mean of ± `reach_px` around them; `sums` are the sums of the
+/// picture.
 ///
 /// # Errors
 /// If OpenCV refuses the picture, for example an empty one.
@@ -126,8 +126,8 @@ impl Sums {
     fn mean(&self, column: usize, row: usize, reach: usize) -> f64 {
         let (without, area) = self.without_glare.window_sum(column, row, reach);
         let count = without / PIXEL_COUNT_UNIT;
-        // If most of the surrounding pixels seem to be a glare, they may be white paper, which can be as bright: all
-        // pixels are used.
+        // If most of the surrounding pixels seem to be a glare, they may be white paper, which can be as bright: then
+        // all pixels are used.
         if 4 * count < area {
             return self.total.window_sum(column, row, reach).0 as f64 / area as f64;
         }
@@ -166,22 +166,22 @@ impl ConnectedComponent {
     }
 }
 
-/// Maximum difference between a step and its prediction from the previous step, as a fraction of the step's length.
+/// Maximum difference between a step and its prediction from the previous step, as a fraction of the step length.
 const PREDICTION_TOLERANCE: f64 = 0.27;
-/// Maximum ratio of the areas of neighbouring circles; one circle of a board may be larger, as a mark.
+/// Maximum ratio of the areas of neighbouring circles; one circle of a board, the mark, may be larger.
 const MAX_NEIGHBOUR_AREA_RATIO: f64 = 5.5;
-/// Maximum number of neighbours that are tried for the first steps. `MAX_STEP_PAIRS` is the maximum number of their
-/// pairs, `MAX_SEEDS` that of the blobs at which a lattice begins.
+/// Maximum number of neighbours that are tried for the first steps. `MAX_STEP_PAIRS` is the maximum number of pairs of
+/// first steps, `MAX_SEEDS` the maximum number of blobs at which a lattice begins.
 const MAX_FIRST_NEIGHBOURS: usize = 6;
 const MAX_STEP_PAIRS: usize = 4;
 const MAX_SEEDS: usize = 25;
-/// Minimum share of the board's circles that must be seen.
+/// Minimum fraction of the circles of the board that must be detected.
 const MIN_SEEN_SHARE: f64 = 0.5;
 
-/// Circles by their index in the board's list.
+/// Circles by their index in the list of the board's circles.
 pub(super) type LatticePositions = BTreeMap<usize, Blob>;
 
-/// Finds the board among the blobs, which are sorted with the most likely first; `None` if it is not found.
+/// Finds the board among the blobs, which are sorted by likelihood, the most likely first; `None` if it is not found.
 pub(super) fn grid(blobs: &[Blob], board: &Board) -> Option<LatticePositions> {
     let needed = (MIN_SEEN_SHARE * board.count() as f64).ceil() as usize;
     let mut used: BTreeSet<usize> = BTreeSet::new();
@@ -278,8 +278,8 @@ fn grow_lattice(
     lattice
 }
 
-/// Assigns the lattice to the board's circles. If several assignments fit, the one with the first circle at the top is
-/// used.
+/// Assigns the lattice to the circles of the board. If several assignments match, the one with the first circle at the
+/// top is used.
 fn assign_to_board(
     blobs: &[Blob],
     lattice: &BTreeMap<(i32, i32), usize>,
@@ -318,7 +318,7 @@ fn assign_to_board(
     ways.into_iter().filter(|way| way.len() == max_count).min_by(|a, b| upper(a).total_cmp(&upper(b)))
 }
 
-/// Finds the coordinates of the board's first column and row: the position at which the board contains most of the
+/// Finds the coordinates of the first column and row of the board: the position at which the board contains most of the
 /// blobs.
 fn find_origin(moved: &[((i32, i32), usize)], (wide, high): (i32, i32)) -> Option<(i32, i32)> {
     let start = |of: fn(&(i32, i32)) -> i32, length: i32| {
@@ -341,7 +341,7 @@ fn lattice_transforms(is_asymmetric: bool) -> Vec<[i32; 4]> {
     let mut all = Vec::new();
     let shears = [[1, 0, 0, 1], [1, 1, 0, 1], [1, -1, 0, 1], [1, 0, 1, 1], [1, 0, -1, 1]];
     for shear in shears {
-        // The lattice of an asymmetric board has the directions of the board's diagonals.
+        // The directions of the lattice of an asymmetric board are those of the board's diagonals.
         let mut turned = if is_asymmetric { product([1, -1, 1, 1], shear) } else { shear };
         for _ in 0..4 {
             all.push(turned);
@@ -356,8 +356,8 @@ mod tests {
     use super::*;
     use panelprep_base::geometry::Pixel;
 
-    /// A tilted asymmetric board and a symmetric one, each with a few blobs beside it: all circles are found, in
-    /// the board's order.
+    /// A tilted asymmetric board and a symmetric one, each with a few blobs beside it: all circles are found, in the
+    /// order of the board.
     #[test]
     fn circles_of_tilted_grids_are_put_in_order() {
         for text in ["circles:7x5:10", "acircles:4x9:10"] {

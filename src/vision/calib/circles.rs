@@ -1,11 +1,12 @@
-//! Grids of circles: found as ellipses, ordered as a grid, each centre located by its grey levels.
+//! Detects grids of circles: the circles are found as ellipses and ordered as a grid, and each centre is located by its
+//! grey levels.
 //!
-//! Candidates are ordered by `circle_lattice`, which receives at most [`MAX_CANDIDATES`]. A centre is the middle of the
-//! pixels that differ from the plane of grey levels around the circle, so that blur and uneven light do not move it.
-//! The centre of the ellipse that a tilted circle shows is not the image of the circle's centre (Heikkilä, IEEE T-PAMI
-//! 22, 2000). The board's homography and the circles' size give this difference, and it is subtracted. If one of the
-//! four outer circles is larger than all others, it is the first: it shows the rotation of a board that looks the same
-//! from several sides.
+//! Candidates are ordered by `circle_lattice`, which receives at most [`MAX_CANDIDATES`]. The centre of an ellipse is
+//! the centroid of the pixels that differ from the plane of grey levels around the circle, so that blur and non-uniform
+//! light do not move it. The centre of the ellipse that a tilted circle shows is not the image of the circle's centre
+//! (Heikkilä, IEEE T-PAMI 22, 2000). This difference is calculated from the homography of the board and the size of the
+//! circles, and is subtracted. If one of the four outer circles is larger than all others, it is the first circle: it
+//! shows the rotation of a board that looks the same from several sides.
 //!
 //! In poor pictures the circles are located by their print (`print`) and the smooth surface through all of them
 //! (`placing`).
@@ -23,17 +24,17 @@ use super::{circle_lattice, foreign};
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 use panelprep_base::geometry::{GrayPicture, Pixel, median};
 
-/// Maximum number of candidates that are examined, as a multiple of the board's number of circles.
+/// Maximum number of candidates that are examined, as a multiple of the number of circles of the board.
 const MAX_CANDIDATE_RATIO: usize = 3;
 const MAX_CANDIDATES: usize = 450;
 /// Maximum number of blobs from the windows of all sizes together: a woven texture has more, and each blob is compared
 /// with all others.
 const MAX_BLOBS: usize = 2_000;
-/// Sizes of the surroundings for a blob's threshold: the picture's longer side divided by these numbers.
+/// Divisors for the window sizes of a blob's threshold: the longer side of the picture divided by these numbers.
 const THRESHOLD_WINDOW_DIVISORS: [usize; 3] = [12, 32, 80];
 /// Maximum number of grids in which the circles are located.
 const MAX_GRIDS: usize = 3;
-/// The extent of the window, as a share of the distance to the neighbours' centres. From `BACKGROUND_START_SHARE`
+/// Extent of the window, as a fraction of the distance between neighbouring centres. From `BACKGROUND_START_SHARE`
 /// outwards the window shows only background.
 const WINDOW_EXTENT_SHARE: f64 = 0.48;
 const BACKGROUND_START_SHARE: f64 = 0.40;
@@ -41,17 +42,17 @@ const BACKGROUND_START_SHARE: f64 = 0.40;
 /// picture.
 const MAX_WINDOW_EXTENT_PX: f64 = 13.0;
 /// Maximum distance of a circle from its predicted position in the grid, as a fraction of the distance to its
-/// neighbour; a circle that is farther away is rejected.
+/// neighbour; a circle farther away is rejected.
 const MAX_GRID_DEVIATION: f64 = 0.2;
 
-/// Maximum relative difference of a circle's radius from that of the others; a circle with a larger difference is not
-/// completely visible.
+/// Maximum relative difference between the radius of a circle and that of the others; a circle with a larger difference
+/// is not completely visible.
 const MAX_RADIUS_DEVIATION: f64 = 0.12;
-/// Minimum ratio of the radius of the mark to that of all other circles. The mark is an outer circle and the first of
-/// the board.
+/// Minimum ratio of the radius of the mark to the radius of the other circles. The mark is an outer circle and the
+/// first circle of the board.
 const MIN_MARK_RATIO: f64 = 1.3;
 
-/// A circle's number on the board, and its pixel.
+/// Circles, each by its number on the board and its pixel.
 type NumberedPixel = Vec<(usize, Pixel)>;
 
 /// Finds the circles of a board.
@@ -108,7 +109,7 @@ pub(super) fn detect(
     best.ok_or_else(none)
 }
 
-/// Adds the blobs that are not already in the list.
+/// Adds the blobs that the list does not contain.
 fn add_new_blobs(all: &mut Vec<Blob>, more: &[Blob]) {
     if all.len() + more.len() > MAX_BLOBS {
         return;
@@ -121,7 +122,7 @@ fn add_new_blobs(all: &mut Vec<Blob>, more: &[Blob]) {
     }
 }
 
-/// Returns the candidates that are circles of the board; `None` if they form no such grid.
+/// Returns the candidates that are circles of the board; `None` if they form no matching grid.
 fn grid(found: &[Blob], board: &Board) -> Option<NumberedPixel> {
     let count = board.count() / 2;
     if found.len() < count {
@@ -172,8 +173,8 @@ fn number_from_mark(rough: &NumberedPixel, radii_mm: &[f64], board: &Board) -> O
     Some(all)
 }
 
-/// Returns all centres with sub-pixel accuracy, and the circles' radii; `None` if the candidates form no flat grid.
-/// Circles without a centre, and those far from their positions in the grid, are left out.
+/// Returns all centres with sub-pixel accuracy, and the radii of the circles; `None` if the candidates form no flat
+/// grid. Circles without a centre, and circles far from their positions in the grid, are excluded.
 fn refine_centres(
     picture: &GrayPicture,
     board: &Board,
@@ -222,7 +223,7 @@ fn refine_centres(
     }
     let corners = found.iter().map(|(number, pixel, radius)| {
         let at_place = place(*number);
-        // A mark keeps its own size; all other circles have one size.
+        // The mark keeps its own radius; all other circles have one radius.
         let radius = if *radius > MIN_MARK_RATIO * radius_mm { *radius } else { radius_mm };
         Some((places[*number], project_centre(&board_to_picture, at_place, *pixel, radius)?))
     });
@@ -230,8 +231,8 @@ fn refine_centres(
     Some((DetectedCorners { modelled_count: corners.len(), corners, half_window_px }, radii_mm))
 }
 
-/// Returns the circles that lie at their predicted positions on one plane; `None` if more than a few do not. The others
-/// are removed: if a glare covers a part of a circle, the middle of the rest is displaced.
+/// Returns the circles at their predicted positions on one plane; `None` if more than a few are elsewhere. The others
+/// are removed: if a glare covers a part of a circle, the centroid of the rest is displaced.
 fn filter_coplanar(board: &Board, rough: &NumberedPixel, neighbour_mm: f64) -> Option<NumberedPixel> {
     let places = board.corners();
     let mut kept = rough.clone();
@@ -270,7 +271,7 @@ fn locate_by_print(
     // Large circles are located equally well in a reduced picture.
     let reach_px = reach_mm * middle.column(0).norm().max(middle.column(1).norm());
     let times = (reach_px / MAX_WINDOW_EXTENT_PX).max(1.0) as usize;
-    // A circle that a glare covers in part has another size, and its middle is shifted.
+    // A circle that a glare covers in part has another size, and its centroid is shifted.
     let whole = |radius: f64| {
         (radius / radius_mm - 1.0).abs() < MAX_RADIUS_DEVIATION || radius > MIN_MARK_RATIO * radius_mm
     };
@@ -286,7 +287,7 @@ fn locate_by_print(
     PrintLocator { picture, times, reach_mm, sign }.circles(board, &rough, radius_mm)
 }
 
-/// Returns the image of a circle's centre, given the middle of its ellipse.
+/// Returns the image of a circle's centre, given the centre of its ellipse.
 fn project_centre(plane: &Matrix3<f64>, place: [f64; 2], middle: Pixel, radius_mm: f64) -> Option<Pixel> {
     let (seen, ellipse) = (homography_pixel(plane, place), ellipse_middle(plane, place, radius_mm)?);
     Some(Pixel::at(middle.u + seen.u - ellipse.u, middle.v + seen.v - ellipse.v))
@@ -300,7 +301,7 @@ fn pixel_jacobian(plane: &Matrix3<f64>, [x, y]: [f64; 2]) -> Matrix2<f64> {
     Matrix2::new(by(0, 0, p.x), by(1, 0, p.x), by(0, 1, p.y), by(1, 1, p.y))
 }
 
-/// Returns the middle of the ellipse that a circle shows: for the circle's dual conic D it is the last column of H
+/// Returns the centre of the ellipse that a circle shows: for the dual conic D of the circle it is the last column of H
 /// D Hᵀ.
 fn ellipse_middle(plane: &Matrix3<f64>, [x, y]: [f64; 2], radius_mm: f64) -> Option<Pixel> {
     let r2 = radius_mm * radius_mm;
@@ -310,7 +311,7 @@ fn ellipse_middle(plane: &Matrix3<f64>, [x, y]: [f64; 2], radius_mm: f64) -> Opt
     (w.abs() > 1e-12).then(|| Pixel::at(seen[(0, 2)] / w, seen[(1, 2)] / w))
 }
 
-/// Returns the middle of the pixels that differ from the background in the window around a circle, and their area,
+/// Returns the centroid of the pixels that differ from the background in the window around a circle, and their area,
 /// px.
 fn centre(picture: &GrayPicture, start: Pixel, neighbour: &Matrix2<f64>) -> Option<(Pixel, f64)> {
     let inverse = neighbour.try_inverse()?;
@@ -346,7 +347,7 @@ fn centre(picture: &GrayPicture, start: Pixel, neighbour: &Matrix2<f64>) -> Opti
             sum += weight;
             moment += away * weight;
         }
-        // The full difference from the background is the one near the middle.
+        // The full difference from the background is measured near the centre.
         let mut near: Vec<f64> = inside
             .iter()
             .filter(|(away, _)| (inverse * away).norm() < 0.12)
@@ -363,19 +364,18 @@ fn centre(picture: &GrayPicture, start: Pixel, neighbour: &Matrix2<f64>) -> Opti
     (middle.distance_px(start) < 0.3 * neighbour.determinant().abs().sqrt()).then_some((middle, area_px))
 }
 
-/// Maximum standard deviation of a located circle along each axis, px; with a larger one the circle counts as
-/// absent.
+/// Maximum standard deviation of a located circle along each axis, px; a circle with a larger one is treated as absent.
 const MAX_CENTRE_STD_PX: f64 = 3.0;
-/// The factors by which a circle's radius may differ from its first estimate.
+/// Factors by which the radius of a circle may differ from its first estimate.
 const RADIUS_FACTORS: [f64; 5] = [0.9, 0.95, 1.0, 1.05, 1.1];
 
-/// The input for circles that are located only by their print.
+/// The inputs for locating circles only by their print.
 struct PrintLocator<'a> {
     pub picture: &'a GrayPicture,
     /// The factor by which the picture is reduced for the search.
     pub times: usize,
     pub reach_mm: f64,
-    /// The contrast's sign: 1 if the print is darker than the background.
+    /// Sign of the contrast: 1 if the print is darker than the background.
     pub sign: f64,
 }
 
@@ -408,7 +408,7 @@ impl PrintLocator<'_> {
                 let own = CornerEstimate::from_match(&found, noise);
                 let deviation_px = own.deviation_px * self.times as f64;
                 let own = CornerEstimate { pixel: self.full_size_pixel(own.pixel, small), deviation_px, ..own };
-                // The first surface is only as accurate as the middles of the circles, some of which a glare has
+                // The first surface is only as accurate as the centroids of the circles, some of which a glare has
                 // shifted.
                 let start_px = START_TOLERANCE_PX * self.times as f64;
                 let is_near =

@@ -1,17 +1,17 @@
-//! Finds the points of a picture at which two edges cross, as in the corners of a chessboard, and joins them to the
+//! Finds the points of a picture at which two edges cross, as at the corners of a chessboard, and joins them to the
 //! lattice of a chessboard.
 //!
-//! The positions are approximate, and each point is judged independently of the others. In a smoothed picture such a
-//! point is a saddle: its Hessian has a negative determinant. On a ring around it the grey levels change between dark
-//! and bright four times, and opposite points of the ring are similar. At the end of an edge, on a line or in noise
-//! they are not. The four changes give the directions of both edges. The computing time grows only with the number of
-//! pixels.
+//! The positions are approximate, and each point is classified independently of the others. In a smoothed picture a
+//! crossing is a saddle: its Hessian has a negative determinant. On a ring around it the grey levels change between
+//! dark and bright four times, and opposite points of the ring are similar. At the end of an edge, on a line or in
+//! noise they are not. The four changes give the directions of both edges. The computing time grows only with the
+//! number of pixels.
 //!
-//! The lattice grows from corner to corner along its edges. One edge runs between two neighbouring corners, with one
-//! colour to its left and the other to its right over its whole length. The lattice begins at a first corner. Each
-//! step is predicted from the previous one, and a corner joins if edges lead to all of its neighbours that are already
-//! part of the lattice. The lattice therefore stays correct if corners are missing under a glare, and ends at the end
-//! of the board. The number of edge evaluations is counted and limited.
+//! The lattice grows from corner to corner along its edges. One edge connects two neighbouring corners, with one colour
+//! to its left and the other to its right over its whole length. The lattice begins at a first corner. Each step is
+//! predicted from the previous one, and a corner is added if edges lead to all of its neighbours that are already part
+//! of the lattice. The lattice therefore stays correct if corners are missing under a glare, and ends at the end of the
+//! board. The number of edge evaluations is counted and limited.
 
 use nalgebra::Vector2;
 use panelprep_base::geometry::{GrayPicture, Pixel};
@@ -25,7 +25,7 @@ pub(super) struct Crossing {
     pub position: Vector2<f64>,
     /// Unit vectors along both edges.
     pub edges: [Vector2<f64>; 2],
-    /// Half the contrast on the ring, grey levels.
+    /// Half of the contrast on the ring, grey levels.
     pub contrast: f64,
 }
 
@@ -34,11 +34,11 @@ pub(super) struct SmoothedPicture {
     pub width: usize,
     pub height: usize,
     gray: Vec<f32>,
-    /// Noise of the picture before it was smoothed, grey levels.
+    /// Noise of the picture before the smoothing, grey levels.
     pub noise: f64,
 }
 
-/// The ring's radius, px.
+/// Radius of the ring around a saddle, px.
 const RING_RADIUS_PX: f64 = 4.0;
 const RING_SAMPLES: usize = 32;
 /// Minimum correlation between opposite positions of the ring.
@@ -47,7 +47,7 @@ const MIN_RING_CORRELATION: f64 = 0.55;
 /// remains after the smoothing.
 const MIN_CONTRAST: f64 = 3.0;
 const MIN_CONTRAST_TO_NOISE: f64 = 3.0;
-/// The share of white noise that remains after the smoothing.
+/// The fraction of white noise that remains after the smoothing.
 const SMOOTHED_NOISE_SHARE: f64 = 0.27;
 /// Maximum bend of an edge, rad: the difference of the directions to two opposite changes of the ring from a straight
 /// line.
@@ -56,7 +56,7 @@ const MAX_BEND_RAD: f64 = 0.6;
 const MIN_ANGLE_RAD: f64 = 0.3;
 /// Maximum number of crossings: hardly any board has more corners. The crossings with the highest contrast are kept.
 const MAX_CROSSINGS: usize = 6000;
-/// Minimum distance between saddles, px: each window of this half width contains one saddle.
+/// Minimum distance between saddles, px: each window of this half width contains at most one saddle.
 const MIN_SADDLE_DISTANCE_PX: usize = 3;
 
 impl SmoothedPicture {
@@ -107,8 +107,8 @@ impl SmoothedPicture {
     }
 }
 
-/// Returns the rms of white noise in a picture: it is computed from the median residual of a plane through a pixel's
-/// neighbours (Immerkær, Computer Vision and Image Understanding 64, 1996), over a sample of the pixels.
+/// Returns the rms of white noise in a picture, computed from the median residual of a plane through the neighbours of
+/// a pixel (Immerkær, Computer Vision and Image Understanding 64, 1996), over a sample of the pixels.
 pub(super) fn noise(picture: &GrayPicture) -> f64 {
     let (width, height) = (picture.width, picture.height);
     if width < 3 || height < 3 {
@@ -130,7 +130,7 @@ pub(super) fn noise(picture: &GrayPicture) -> f64 {
         below += count;
         2 * below > all
     });
-    // The operator's gain is 6, and half of normally distributed noise lies within 0.674 standard deviations.
+    // The gain of the operator is 6, and half of normally distributed noise is within 0.674 standard deviations.
     median.unwrap_or(0) as f64 / (6.0 * 0.674)
 }
 
@@ -156,7 +156,8 @@ pub(super) fn crossings(picture: &SmoothedPicture) -> Vec<Crossing> {
         (3..width - 3).for_each(|column| line[column] = saddle(row * width + column));
     });
     let least_contrast = MIN_CONTRAST.max(MIN_CONTRAST_TO_NOISE * SMOOTHED_NOISE_SHARE * picture.noise);
-    // The determinant is about the square of the half contrast at a sharp corner, and a fifth of that at a blurred one.
+    // The determinant is about the square of the half contrast at a sharp corner, and a fifth of it at a blurred
+    // corner.
     let min_response = (0.15 * least_contrast * least_contrast) as f32;
     let rows: Vec<Vec<Crossing>> = (rim..picture.height - rim)
         .into_par_iter()
@@ -255,26 +256,26 @@ impl Crossing {
     }
 }
 
-/// Corners by column and row, any of which may be negative.
+/// Corners by column and row, which may be negative.
 pub(super) type Lattice = BTreeMap<(i32, i32), usize>;
 
-/// Minimum distance of neighbours, px.
+/// Minimum distance between neighbouring corners, px.
 const MIN_NEIGHBOUR_DISTANCE_PX: f64 = 6.0;
-/// Maximum distance of neighbours, px: a larger board is found in a smaller picture.
+/// Maximum distance between neighbouring corners, px: a larger board is found in a smaller picture.
 const MAX_NEIGHBOUR_DISTANCE_PX: f64 = 170.0;
-/// If there are enough candidates within this distance, the search does not extend farther, px.
+/// Radius of the first search for neighbours, px; if it contains enough candidates, the search does not extend farther.
 const FIRST_SEARCH_RADIUS_PX: f64 = 60.0;
 /// Cosine of the maximum angle between a first step and the direction of an edge.
 const MIN_STEP_COSINE: f64 = 0.966;
 /// Cosine of the maximum angle between an edge of the neighbour and the line from the corner to the neighbour.
 const MIN_EDGE_COSINE: f64 = 0.90;
-/// Maximum difference between a step and its prediction from the previous step, as a fraction of the step's length.
+/// Maximum difference between a step and its prediction from the previous step, as a fraction of the step length.
 const PREDICTION_TOLERANCE: f64 = 0.28;
 /// Maximum number of crossings that are examined along a first edge.
 const MAX_NEIGHBOURS: usize = 10;
 /// Minimum ratio of the contrast across the edge to that of the corners.
 const MIN_EDGE_CONTRAST_RATIO: f64 = 0.3;
-/// Maximum ratio of the contrasts of neighbours.
+/// Maximum ratio between the contrasts of neighbouring corners.
 const MAX_NEIGHBOUR_CONTRAST_RATIO: f64 = 3.5;
 /// Maximum number of edge checks for one picture.
 const MAX_EDGE_CHECKS: usize = 250_000;
@@ -300,7 +301,7 @@ pub(super) fn lattices(picture: &SmoothedPicture, crossings: &[Crossing]) -> Vec
     all
 }
 
-/// Returns the lowest and the highest column and row.
+/// Returns the minimum and the maximum column and row of a lattice.
 pub(super) fn extent(lattice: &Lattice) -> [(i32, i32); 2] {
     let range = |of: fn(&(i32, i32)) -> i32| {
         let all = lattice.keys().map(of);
@@ -309,7 +310,7 @@ pub(super) fn extent(lattice: &Lattice) -> [(i32, i32); 2] {
     [range(|at| at.0), range(|at| at.1)]
 }
 
-/// Returns the lattice without those outer lines of which less than this share is present.
+/// Returns the lattice without the outer lines of which less than this fraction is present.
 pub(super) fn trim_sparse_lines(mut lattice: Lattice, share: f64) -> Lattice {
     loop {
         let [columns, rows] = extent(&lattice);
@@ -358,7 +359,7 @@ impl<'a> CrossingGrid<'a> {
         CrossingGrid { picture, crossings, cells, across, looks: 0 }
     }
 
-    /// Returns the crossings within a distance that satisfy `is_one`; the nearest is first.
+    /// Returns the crossings within a distance that satisfy `is_one`, the nearest first.
     fn crossings_within(
         &self,
         at: Vector2<f64>,
@@ -462,7 +463,7 @@ impl<'a> CrossingGrid<'a> {
             }
             let other = &self.crossings[index];
             let toward = (other.position - here).normalize() * f64::from(sign);
-            // The neighbour's edge that leads to this corner is the same axis; its second edge is the other axis.
+            // The edge of the neighbour that leads to this corner is the same axis; its second edge is the other axis.
             let which = usize::from(other.edges[1].dot(&toward).abs() > other.edges[0].dot(&toward).abs());
             let same =
                 |edge: Vector2<f64>, as_here: Vector2<f64>| if edge.dot(&as_here) < 0.0 { -edge } else { edge };
@@ -474,7 +475,7 @@ impl<'a> CrossingGrid<'a> {
         None
     }
 
-    /// Returns whether an edge runs from one crossing to the other.
+    /// Returns whether an edge connects the two crossings.
     fn is_connected_by_edge(&mut self, one: usize, two: usize) -> bool {
         self.looks += 1;
         let (a, b) = (&self.crossings[one], &self.crossings[two]);

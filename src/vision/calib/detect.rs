@@ -1,6 +1,6 @@
-//! Detects the board's corners in a picture, with sub-pixel accuracy.
+//! Detects the corners of the board in a picture, with sub-pixel accuracy.
 //!
-//! `chessboard` and `charuco` find the corners to about a pixel, and `placing` refines them to a hundredth;
+//! `chessboard` and `charuco` find the corners to about a pixel, and `placing` refines them to a hundredth of a pixel;
 //! `circles` does both.
 
 use super::board::Board;
@@ -15,10 +15,11 @@ pub use super::placing::DetectedCorners;
 use super::print::Print;
 use panelprep_base::geometry::{Frame, GrayPicture, OrganizedCloud, Pixel, Point, Vector, local_plane};
 
-/// Finds the board's corners. `half_window_px` replaces the default window; `name` is the picture's name in messages.
+/// Detects the corners of the board. `half_window_px` replaces the default window; `name` is the name of the picture in
+/// messages.
 ///
 /// # Errors
-/// If the picture shows no such board, another one, or too little of a ChArUco board.
+/// If the picture does not show the board, shows another board, or too little of a ChArUco board.
 pub fn detect(
     name: &str,
     picture: &GrayPicture,
@@ -53,11 +54,11 @@ pub fn detect(
     Ok(found)
 }
 
-/// Half the side of the neighbourhood from which a corner's 3D point is computed, px.
+/// Half side of the neighbourhood from which the 3D point of a corner is computed, px.
 const PLANE_WINDOW_HALF_PX: usize = 8;
 
-/// Returns the corners as the 3D camera measured them: the ray at each corner meets the plane through the points around
-/// it. Corners with too few points are left out.
+/// Returns the corners that the 3D camera measured: the ray at each corner meets the plane through the points around
+/// it. Corners with too few points are omitted.
 pub fn measured<C: Frame>(
     cloud: &OrganizedCloud<C>,
     camera: &panelprep_base::geometry::PinholeCamera,

@@ -1,5 +1,5 @@
-//! The reason why data cannot become a calibration: what was found, what is needed, and how to correct it. For poses
-//! that fit no mount, this includes their probable intended meaning.
+//! The reason why data do not determine a calibration: what was found, what is needed, and how to correct it. If no
+//! mount matches the poses, the error also states their probable intended meaning.
 
 use panelprep_base::number_text::{distinguishable_texts, fixed_decimals};
 use panelprep_cell::imaging::ImagingError;
@@ -7,7 +7,7 @@ use panelprep_cell::imaging::ImagingError;
 /// An error of a calibration.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum CalibError {
-    /// `--board` or `--square-mm` does not describe a board.
+    /// The text of `--board` or `--square-mm` does not describe a board.
     #[error("--board {text}: {message}")]
     Board {
         /// The text of the option.
@@ -56,7 +56,7 @@ pub enum CalibError {
         found: [usize; 2],
         /// Inner corners in a row of the requested board.
         columns: usize,
-        /// Rows of the expected board's inner corners.
+        /// Rows of inner corners of the requested board.
         rows: usize,
     },
     /// A picture shows a ChArUco board of another layout, dictionary or side.
@@ -91,10 +91,10 @@ pub enum CalibError {
         /// The reason why the first unusable picture cannot be used.
         first_reason: Option<String>,
     },
-    /// Touched points that do not define a frame.
+    /// The touched points do not define a frame.
     #[error("{0}")]
     Points(String),
-    /// Robot poses that rotate too little.
+    /// The robot poses rotate the board too little.
     #[error(
         "the poses rotate the board too little: {}° about the second axis, at least {}° are needed; these data do \
          not determine a camera mount: tilt the flange about two axes, by 20° and more", distinguishable_texts(*about_second_axis_deg, *needed_deg, 1)[0],
@@ -106,7 +106,7 @@ pub enum CalibError {
         /// Minimum spread, degrees.
         needed_deg: f64,
     },
-    /// Most poses contradict each other.
+    /// No mount matches most of the poses.
     #[error(
         "no camera mount fits half of the {poses} poses: the median residual of the best is {median_mm:.1} mm; {}",
         describe_readings(readings)
@@ -116,7 +116,7 @@ pub enum CalibError {
         poses: usize,
         /// Median distance of the boards in the best consensus, mm.
         median_mm: f64,
-        /// The interpretations with which the poses fit.
+        /// The interpretations that match the poses.
         readings: Vec<PoseReading>,
     },
     /// Angles in radians.
@@ -136,7 +136,7 @@ pub enum CalibError {
         /// The computation that did not converge.
         what: &'static str,
     },
-    /// Poses that do not determine a tool.
+    /// The poses do not determine a tool.
     #[error("{0}")]
     Tool(String),
 }
@@ -155,7 +155,7 @@ fn describe_readings(readings: &[PoseReading]) -> String {
     readings.iter().map(ToString::to_string).collect::<Vec<_>>().join("; or ")
 }
 
-/// A possible intended meaning of poses that do not fit a mount.
+/// A possible intended meaning of poses that match no mount.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum PoseInterpretation {
     /// The poses are `flange_from_base`, or the camera has the other mount.
@@ -170,7 +170,7 @@ pub enum PoseInterpretation {
         /// Whether the vector is in radians.
         radians: bool,
     },
-    /// A quaternion with its four numbers in another order.
+    /// A quaternion with its four components in another order.
     Quaternion(&'static str),
     /// Only the rotation is inverted.
     Transposed,
@@ -178,30 +178,30 @@ pub enum PoseInterpretation {
     LeftHanded,
     /// Angles in radians.
     Radians,
-    /// Each picture is paired with the pose of its neighbour.
+    /// Each picture is paired with the pose of the next or previous picture.
     Shifted {
         /// Whether each picture is paired with the previous pose.
         late: bool,
     },
     /// The pictures are mirrored.
     Mirrored,
-    /// Lengths of board and robot differ by a factor.
+    /// The lengths of board and robot differ by a factor.
     Lengths {
         /// Ratio of the robot's lengths to the board's.
         ratio: f64,
-        /// The side of a square as stated, mm.
+        /// The stated side of a square, mm.
         square_mm: f64,
     },
 }
 
-/// An interpretation with which the poses fit.
+/// An interpretation that matches the poses.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PoseReading {
-    /// The interpretation of the numbers.
+    /// The interpretation of the values.
     pub interpretation: PoseInterpretation,
-    /// The median distance of the boards, mm.
+    /// Median distance of the boards, mm.
     pub median_mm: f64,
-    /// The residual of the best of the other interpretations, mm.
+    /// Residual of the best of the other interpretations, mm.
     pub runner_up_mm: f64,
 }
 

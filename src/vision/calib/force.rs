@@ -1,4 +1,5 @@
-//! Payload and zero of the tool, from its readings without contact at several attitudes.
+//! Determines payload and zero of the force sensor, from its measured values without contact at several attitudes of
+//! the tool.
 //!
 //! Without contact, (1) to (3) of `force::gravity` give, with x = a · d,
 //!
@@ -6,36 +7,36 @@
 //! F_reading = zero − m g x                                                                       (1)
 //! ```
 //!
-//! a straight line over x, fitted by least squares. With n readings, residuals r and s² = Σr² / (n − 2), the
-//! slope's variance is s² / Σ(x − x̄)² and the zero's s² (1/n + x̄² / Σ(x − x̄)²). The stated uncertainties are
-//! these standard errors times the 95 % quantile of Student's distribution for n − 2, and at least those of a
-//! sensor whose only scatter is its resolution. Readings whose attitudes do not differ enough do not determine the
-//! payload and are refused.
+//! a straight line over x, fitted by least squares. With n measured values, residuals r and s² = Σr² / (n − 2), the
+//! variance of the slope is s² / Σ(x − x̄)² and that of the zero s² (1/n + x̄² / Σ(x − x̄)²). The stated uncertainties
+//! are these standard errors times the 95 % quantile of Student's distribution for n − 2. They are at least those of a
+//! sensor whose only scatter is its resolution. Measured values whose attitudes do not differ enough do not determine
+//! the payload and are refused.
 
 use super::quantile::student_95;
 use panelprep_base::geometry::STANDARD_GRAVITY_M_S2;
 use panelprep_base::number_text::distinguishable_texts;
 use panelprep_cell::force::SensorLoad;
 
-/// Minimum number of readings.
+/// Minimum number of measured values.
 const MIN_READINGS: usize = 3;
-/// Minimum range of x over the readings: 60° about the horizontal.
+/// Minimum range of x over the measured values: 60° about the horizontal.
 const MIN_DOWNWARD_RANGE: f64 = 0.5;
-/// The uncertainty due to the best resolution of a sensor, 95 %, N: 1.96 · 0.05.
+/// Uncertainty due to the best resolution of a sensor, 95 %, N: 1.96 · 0.05.
 const MIN_RESOLUTION_95_N: f64 = 0.098;
-/// Maximum distance of a reading from the line, N; a reading farther away was not taken without contact.
+/// Maximum distance of a measured value from the line, N; a value farther away was not measured without contact.
 const MAX_RESIDUAL_N: f64 = 3.0;
 
-/// A reading of the force without contact.
+/// A measured force without contact, with the attitude of the tool.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AttitudeReading {
     /// Downward component of the tool's direction, −1…1: 1 if the tool points straight down.
     pub downwards: f64,
-    /// The force that the sensor reads, N.
+    /// The measured force, N.
     pub force_n: f64,
 }
 
-/// Payload and zero with the residuals.
+/// The calibrated payload and zero, with the residuals.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ForceCalibration {
     /// Payload on the sensor.
@@ -50,22 +51,22 @@ pub struct ForceCalibration {
     pub readings: usize,
 }
 
-/// The reason why readings do not determine a result.
+/// The reason why measured values do not determine payload and zero.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum CalibrationError {
-    /// There are too few readings.
+    /// There are too few measured values.
     #[error("{found} readings were given, at least {MIN_READINGS} at different attitudes are needed")]
     TooFew {
-        /// The number of readings.
+        /// The number of measured values.
         found: usize,
     },
-    /// A number that is not finite.
+    /// The force or the attitude is not a finite number.
     #[error("reading {index}: the force or the attitude is not a valid number")]
     NotFinite {
-        /// Number of the reading, from 1.
+        /// Number of the measured value, from 1.
         index: usize,
     },
-    /// The readings are too similar.
+    /// The attitudes are too similar.
     #[error(
         "the downward component of the tool's direction is {least:.2} to {most:.2} over all readings, but must \
          vary by at least {MIN_DOWNWARD_RANGE}: take one reading pointing down, one level and one pointing up, as \
@@ -77,16 +78,16 @@ pub enum CalibrationError {
         /// Largest downward component.
         most: f64,
     },
-    /// One of the readings does not fit.
+    /// One measured value deviates from the others.
     #[error(
         "reading {index} differs by {} N from the others (limit {} N); check whether the tool touched something",
         distinguishable_texts(*off_n, MAX_RESIDUAL_N, 1)[0],
         distinguishable_texts(*off_n, MAX_RESIDUAL_N, 1)[1]
     )]
     Outlier {
-        /// Number of the reading, from 1.
+        /// Number of the measured value, from 1.
         index: usize,
-        /// The reading's deviation, N.
+        /// Deviation of the measured value from the line, N.
         off_n: f64,
     },
     /// The payload is physically impossible.
@@ -95,15 +96,15 @@ pub enum CalibrationError {
          together, and check the sign of the force"
     )]
     Negative {
-        /// The payload that follows from the readings, kg.
+        /// The calculated payload, kg.
         payload_kg: f64,
     },
 }
 
-/// Fits (1).
+/// Fits the line (1).
 ///
 /// # Errors
-/// If the readings cannot determine a result.
+/// If the measured values do not determine payload and zero.
 pub fn calibrate(readings: &[AttitudeReading]) -> Result<ForceCalibration, CalibrationError> {
     let n = readings.len() as f64;
     if readings.len() < MIN_READINGS {
@@ -153,9 +154,9 @@ mod tests {
         AttitudeReading { downwards, force_n }
     }
 
-    /// Calculated by hand: 1 kg and a zero of 2 N give readings of −7.80665 N down, 2 N level and 11.80665 N up, and
-    /// Σ(x − x̄)² = 2. With a scatter of 0.05 N the uncertainties are 1.96 · 0.05 / √2 / 9.80665 = 0.00707 kg and 1.96
-    /// · 0.05 / √3 = 0.0566 N.
+    /// Expected values, calculated by hand: 1 kg and a zero of 2 N give forces of −7.80665 N down, 2 N level and
+    /// 11.80665 N up, and Σ(x − x̄)² = 2. With a scatter of 0.05 N the uncertainties are 1.96 · 0.05 / √2 / 9.80665 =
+    /// 0.00707 kg and 1.96 · 0.05 / √3 = 0.0566 N.
     #[test]
     fn payload_and_zero_are_found() {
         let found = calibrate(&[read(1.0, -7.806_65), read(0.0, 2.0), read(-1.0, 11.806_65)]).expect("a result");
@@ -164,9 +165,9 @@ mod tests {
         assert!((found.zero_95_n - 0.056_6).abs() < 1e-4, "{found:?}");
     }
 
-    /// Calculated by hand: if the middle reading has an error of 0.3 N, the three readings deviate from their line by
-    /// −0.1, 0.2 and −0.1 N, so s² = 0.06 / 1. Student's quantile for 1 degree of freedom is 12.706, so the uncertainty
-    /// of the zero is 12.706 · 0.24495 / √3 = 1.797 N.
+    /// Expected values, calculated by hand: if the middle value has an error of 0.3 N, the three values deviate from
+    /// their line by −0.1, 0.2 and −0.1 N, so s² = 0.06 / 1. Student's quantile for 1 degree of freedom is 12.706, so
+    /// the uncertainty of the zero is 12.706 · 0.24495 / √3 = 1.797 N.
     #[test]
     fn three_scattered_readings_have_a_large_uncertainty() {
         let found = calibrate(&[read(1.0, -7.806_65), read(0.0, 2.3), read(-1.0, 11.806_65)]).expect("a result");

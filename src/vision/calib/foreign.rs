@@ -1,4 +1,4 @@
-//! OpenCV's solvers and detectors with our own types: no other file of this module calls OpenCV.
+//! OpenCV's solvers and detectors with our own types. No other file of this module calls OpenCV.
 
 use super::error::CalibError;
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
@@ -54,8 +54,8 @@ pub(super) fn solve_pnp(
     }
 }
 
-/// Computes the camera's mount from the moved part of the chain and the board pose of each station (Park & Martin, IEEE
-/// T-RA 10, 1994); `None` if the rotations do not determine it.
+/// Computes the camera mount from the moving factor of the chain and the board pose of each station (Park & Martin,
+/// IEEE T-RA 10, 1994); `None` if the rotations do not determine it.
 pub(super) fn solve_hand_eye_park(
     holder_from_to: &[Isometry3<f64>],
     camera_from_board: &[Isometry3<f64>],
@@ -103,8 +103,8 @@ fn to_mat(picture: &GrayPicture) -> Result<impl MatTraitConst + opencv::core::To
     )
 }
 
-/// Runs `findChessboardCornersSB`: the inner corners of a board, row by row, to about a pixel; `None` if there is
-/// no such board.
+/// Runs `findChessboardCornersSB`: returns the inner corners of a board, row by row, to about a pixel; `None` if the
+/// picture shows no matching board.
 pub(super) fn chessboard(
     picture: &GrayPicture,
     (columns, rows): (usize, usize),
@@ -118,7 +118,7 @@ pub(super) fn chessboard(
     Ok((seen && found.len() == columns * rows).then(|| to_pixels(&found)))
 }
 
-/// Returns the picture reduced by this factor; each pixel is the mean of those that it replaces.
+/// Returns the picture reduced by this factor; each pixel is the mean of the pixels that it replaces.
 pub(super) fn reduce_picture(picture: &GrayPicture, times: usize) -> Result<GrayPicture, ImagingError> {
     const OPERATION: &str = "a smaller picture";
     let source = to_mat(picture)?;
@@ -143,7 +143,7 @@ pub(super) fn refine_corners(
     Ok(to_pixels(&points))
 }
 
-/// Returns the number of OpenCV's dictionary of this name.
+/// Returns the number of OpenCV's dictionary with this name.
 pub(super) fn dictionary_number(name: &str) -> Option<i32> {
     const FAMILIES: [(&str, i32); 4] = [("4X4", 0), ("5X5", 4), ("6X6", 8), ("7X7", 12)];
     const SIZES: [&str; 4] = ["50", "100", "250", "1000"];

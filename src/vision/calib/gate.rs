@@ -1,5 +1,5 @@
-//! The gate of calibrations: computes a verdict from the evidence. A calibration may be used, must be checked by a
-//! person, or is refused.
+//! The acceptance checks of calibrations: derive a verdict from the evidence. A calibration may be used, must be
+//! checked by a person, or is refused.
 
 use super::chain::Arrangement;
 use super::error::PoseReading;
@@ -13,16 +13,16 @@ use panelprep_base::geometry::{Point, Rigid};
 use panelprep_base::number_text::{distinguishable_percents, distinguishable_texts, fixed_decimals};
 use panelprep_base::verdict::{Judgement, Reason};
 
-/// Two limits of a value: beyond the first a person must look, beyond the second it is rejected.
+/// Two limits of a value: beyond the first a person must check, beyond the second the calibration is rejected.
 type Bounds = (f64, f64);
 
 const HAND_EYE_UNCERTAINTY_MM: Bounds = (0.6, 2.0);
 const HAND_EYE_RMS_MM: Bounds = (1.0, 3.0);
-/// Limits of the panel's shift if the squares had the size that the robot's motions show: beyond the first a person
-/// must look, beyond the second the mount is rejected.
+/// Limits of the panel's displacement, mm, if the squares had the size that the robot's motions show: beyond the first
+/// a person must check, beyond the second the mount is rejected.
 const SQUARE_EFFECT_MM: Bounds = (0.1, 0.5);
-/// Maximum relative uncertainty of the squares' size; with a larger one, a wrong size would not be detected: 2 mm at
-/// 700 mm.
+/// Maximum relative uncertainty of the size of the squares; with a larger one, a wrong size would not be detected: 2 mm
+/// at 700 mm.
 const MAX_SQUARE_UNCERTAINTY_SHARE: f64 = 0.003;
 const REVIEW_SPREAD_DEG: f64 = 8.0;
 const REVIEW_POSE_COUNT: usize = 10;
@@ -37,15 +37,15 @@ const INTRINSICS_RMS_PX: Bounds = (0.7, 2.0);
 const MIN_COVERAGE_SHARE: f64 = 0.6;
 const MIN_TILT_DEG: f64 = 20.0;
 const REVIEW_VIEW_COUNT: usize = 8;
-/// Share of the picture in which the lens must be calibrated: below the first limit a person must look, below the
-/// second the lens is rejected.
+/// Limits of the fraction of the picture in which the lens must be calibrated: below the first a person must check,
+/// below the second the lens is rejected.
 const SUPPORTED_SHARE: Bounds = (0.95, 0.1);
-/// Maximum standard deviation of the focal length, as a share of the focal length: 0.1 % is 0.8 mm at 800 mm.
+/// Maximum standard deviation of the focal length, relative to the focal length: 0.1 % is 0.8 mm at 800 mm.
 const MAX_FOCAL_STD_SHARE: f64 = 0.001;
-/// Maximum standard deviation of the principal point, as a share of the focal length: 0.2 mm of lateral shift at 1 m.
+/// Maximum standard deviation of the principal point, relative to the focal length: 0.2 mm of lateral shift at 1 m.
 const MAX_CENTRE_STD_SHARE: f64 = 0.000_2;
 
-/// The share of the error that remains with a correction: beyond the first limit a person must look, beyond the
+/// Limits of the fraction of the error that remains with a correction: beyond the first a person must check, beyond the
 /// second the correction does not help.
 const REMAINING_ERROR_SHARE: Bounds = (0.6, 0.9);
 const LEFT_OUT_ERROR_MM: Bounds = (0.5, 2.0);
@@ -84,12 +84,12 @@ impl ReasonCollector {
         found: &Rigid<A::To, A::From>,
         question: &str,
     ) {
-        // A mount that was not measured by hand contradicts nothing; the reason `no_rough` requests a measurement.
+        // Without a hand-measured pose there is nothing to compare; the reason `no_rough` requests a measurement.
         let Some(rough) = rough else { return };
         let mm = rough.distance_at_mm(*found, Point::at(0.0, 0.0, 0.0));
         let deg = (rough.inverse() * *found).rotation_angle().0;
-        // The limits are wide: a tape measures to some 100 mm. The mistake to be found, a tool or a base in the poses,
-        // moves the mount by more.
+        // The limits are wide, because a tape measure is accurate only to about 100 mm here. The error to detect, poses
+        // that include a tool or a base frame, moves the mount by more.
         if mm > MAX_ROUGH_DISTANCE_MM || deg > MAX_ROUGH_ANGLE_DEG {
             let ([mm, allowed_mm], [deg, allowed_deg]) = (
                 distinguishable_texts(mm, MAX_ROUGH_DISTANCE_MM, 0),
@@ -103,7 +103,7 @@ impl ReasonCollector {
         }
     }
 
-    /// Compares the size of the board's squares that the robot's motions show with the stated one.
+    /// Compares the size of the board's squares that the robot's motions show with the stated size.
     fn check_square<A: Arrangement>(&mut self, found: &HandEye<A>, square_mm: f64) {
         let (Some(size), Some(moves_mm)) = (&found.square, found.square_moves_mm()) else {
             return self.add_review("square_unproven", true, || {
@@ -136,7 +136,7 @@ impl ReasonCollector {
         });
     }
 
-    /// Compares the focal length that the robot's motions show with that of the lens.
+    /// Compares the focal length that the robot's motions show with the focal length of the lens.
     fn check_focal<A: Arrangement>(&mut self, found: &HandEye<A>) {
         let (Some(focal), Some(moves_mm)) = (&found.focal, found.focal_moves_mm()) else { return };
         if !focal.contradicts_stated() || moves_mm <= SQUARE_EFFECT_MM.0 {
@@ -160,7 +160,7 @@ impl ReasonCollector {
     }
 }
 
-/// Judges whether the intrinsics are good enough.
+/// Judges whether the intrinsics are accurate enough.
 pub fn intrinsics(found: &Calibrated) -> Judgement {
     let mut reasons = ReasonCollector::default();
     reasons.check_bounds(
@@ -240,16 +240,16 @@ pub fn intrinsics(found: &Calibrated) -> Judgement {
 /// The source of the poses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum PoseSource {
-    /// A file: the tool and base to which the poses refer are not known.
+    /// A file: the tool and the base to which the poses refer are unknown.
     File,
-    /// This program, from the controller's reports of the flange in the robot's base.
+    /// This program, from the flange pose in the robot's base that the controller reports.
     Controller,
 }
 
-/// One of this number of pictures may be left out.
+/// Minimum number of pictures for each excluded outlier.
 const PICTURES_PER_OUTLIER: usize = 10;
 
-/// Returns whether the outliers may be left out. A few outliers among many consistent pictures change nothing. If there
+/// Returns whether the outliers may be excluded. A few outliers among many consistent pictures change nothing. If there
 /// are more, a person must correct the cause; the majority does not decide.
 pub fn are_outliers_acceptable<A: Arrangement>(found: &HandEye<A>) -> bool {
     let left_out = found.residuals.iter().filter(|residual| !residual.used).count().max(found.suspects.len());
@@ -257,9 +257,9 @@ pub fn are_outliers_acceptable<A: Arrangement>(found: &HandEye<A>) -> bool {
     left_out <= found.residuals.len() / PICTURES_PER_OUTLIER && used >= REVIEW_POSE_COUNT
 }
 
-/// Judges whether the mount from many poses is good enough. Pictures that do not fit reject it, except for a few among
-/// many. `second` is the result from the 3D camera's own points, which must be as good; `rough` is the camera's
-/// hand-measured pose in the cell's file.
+/// Judges whether the mount from many poses is accurate enough. Outlier pictures reject the mount, except for a few
+/// among many. `second` is the result from the points of the 3D camera, which must be as accurate; `rough` is the
+/// hand-measured pose of the camera in the cell's file.
 pub fn judge_hand_eye<A: Arrangement>(
     (found, square_mm): (&HandEye<A>, f64),
     second: Option<&HandEye<A>>,
@@ -305,8 +305,8 @@ pub fn judge_hand_eye<A: Arrangement>(
 }
 
 impl ReasonCollector {
-    /// Rejects pictures that do not fit, except for a few among many. If the squares or the focal length are rejected,
-    /// they are the cause of the pictures that were left out.
+    /// Rejects outlier pictures, except for a few among many. If the squares or the focal length are rejected, they are
+    /// the cause of the outliers.
     fn check_fit<A: Arrangement>(&mut self, found: &HandEye<A>) {
         if are_outliers_acceptable(found) {
             return;
@@ -368,10 +368,10 @@ impl ReasonCollector {
     }
 }
 
-/// Maximum error of an arm's own lengths, as a share of the length.
+/// Maximum relative error of the lengths of an arm.
 const MAX_LENGTH_ERROR_SHARE: f64 = 0.003;
 
-/// States why poses cannot be the start of an arm's calibration: they have another meaning, or the squares of the board
+/// Returns why poses cannot be the start of an arm calibration: they have another meaning, or the squares of the board
 /// have another size, which would cause wrong lengths of the arm.
 pub fn starting_pose_problem<A: Arrangement>(found: &HandEye<A>, square_mm: f64) -> Option<String> {
     if let Some(reading) = found.readings.first() {
@@ -389,13 +389,13 @@ pub fn starting_pose_problem<A: Arrangement>(found: &HandEye<A>, square_mm: f64)
     })
 }
 
-/// Returns the distance between the positions that two results give for the stated point, mm.
+/// Returns the distance between the positions of the stated point according to two results, mm.
 pub fn position_difference_mm<A: Arrangement>(first: &HandEye<A>, second: &HandEye<A>) -> f64 {
     first.adjustment.to_from_camera.distance_at_mm(second.adjustment.to_from_camera, first.stated_point)
 }
 
-/// Judges whether the mount from three points is credible. `rough` is the camera's hand-measured pose in the cell's
-/// file.
+/// Judges whether the mount from three points is credible. `rough` is the hand-measured pose of the camera in the
+/// cell's file.
 pub fn three_points<A: Arrangement>(found: &ThreePoints<A>, rough: Option<&Rigid<A::To, A::From>>) -> Judgement {
     let mut reasons = ReasonCollector::default();
     for (error, between) in found.distance_errors_mm.iter().zip(["1 and 2", "2 and 3", "1 and 3"]) {
@@ -430,20 +430,20 @@ pub fn three_points<A: Arrangement>(found: &ThreePoints<A>, rough: Option<&Rigid
     reasons.judgement()
 }
 
-/// Maximum error in left-out pictures of an arm that needs no correction, mm.
+/// Maximum error, in pictures not used for the fit, of an arm that needs no correction, mm.
 const MAX_GOOD_ARM_ERROR_MM: f64 = 0.08;
-/// Maximum error of an arm that needs no correction if no correction reduces the error, mm.
+/// Maximum error of an arm that needs no correction because no correction reduces the error, mm.
 const MAX_NEGLIGIBLE_ARM_ERROR_MM: f64 = 0.15;
 
-/// Returns whether the arm needs no correction: its nominal geometry is good, or it is nearly good and a correction
-/// does not reduce the error. The remaining error is then the scatter of the pictures.
+/// Returns whether the arm needs no correction: its nominal geometry is accurate, or nearly so and a correction does
+/// not reduce the error. The remaining error is then the scatter of the pictures.
 pub fn needs_no_correction(found: &RobotFound) -> bool {
     let (before, after) = (found.uncorrected_left_out_mm, found.corrected_left_out_mm);
     before < MAX_GOOD_ARM_ERROR_MM
         || (before < MAX_NEGLIGIBLE_ARM_ERROR_MM && after > REMAINING_ERROR_SHARE.1 * before)
 }
 
-/// Judges whether the arm's correction reduces the error enough to be used. `views` is the number of pictures.
+/// Judges whether the correction of the arm reduces the error enough to be used. `views` is the number of pictures.
 pub fn robot(found: &RobotFound, views: usize) -> Judgement {
     let mut reasons = ReasonCollector::default();
     let (before, after) = (found.uncorrected_left_out_mm, found.corrected_left_out_mm);
@@ -478,7 +478,8 @@ pub fn robot(found: &RobotFound, views: usize) -> Judgement {
     reasons.judgement()
 }
 
-/// Judges whether the tool is good enough. Without an axis the tool may be used to touch points, but not to sand.
+/// Judges whether the tool calibration is accurate enough. Without an axis the tool may be used to touch points, but
+/// not to sand.
 pub fn tool(point: &ToolPoint, axis: Option<&ToolAxis>, readings: &[PoseReading]) -> Judgement {
     let mut reasons = ReasonCollector::default();
     let fitting: Vec<String> = readings.iter().map(|reading| format!(" ({reading})")).collect();

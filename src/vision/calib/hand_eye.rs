@@ -1,13 +1,18 @@
 //! Hand-eye calibration from many poses, with its evidence, and the next pose that would improve it most.
 //!
-//! Pose of the board in each picture → closed-form start by consensus → joint adjustment (`adjust`) over the stations
-//! that agree → test of every station against the adjustment without it → report of those that fail
-//! (`station_diagnosis`). The result states its uncertainty, in mm at a point of the panel, computed from the noise
-//! that the residuals show. If the residuals of neighbouring poses are similar, several poses count as one
-//! (`quantile`). `gate` judges whether that is good enough.
+//! The steps are:
+//! 1. Compute the pose of the board in each picture.
+//! 2. Compute a closed-form start value by consensus.
+//! 3. Adjust the stations that agree together (`adjust`).
+//! 4. Test every station against the adjustment without it.
+//! 5. Report the stations that fail the test (`station_diagnosis`).
 //!
-//! To suggest the next pose, each present pose is tilted and rotated about the board's centre, and moved nearer and
-//! farther. Only poses that keep the whole board in the picture are considered. For each, the information of (2) in
+//! The result states its uncertainty, in mm at a point of the panel, computed from the noise that the residuals show.
+//! If the residuals of neighbouring poses are similar, several poses have the weight of one (`quantile`). `gate` judges
+//! whether the uncertainty is small enough.
+//!
+//! To suggest the next pose, each present pose is tilted and rotated about the centre of the board, and moved nearer
+//! and farther. Only poses that keep the whole board in the picture are considered. For each, the information of (2) in
 //! `adjust` predicts the uncertainty at the panel; the best pose has the smallest.
 
 use super::adjust::{MIN_ROTATION_SPREAD_DEG, MountAdjustment, covariance_at};
@@ -26,28 +31,28 @@ use panelprep_cell::cell::LensCovariance;
 
 /// Minimum number of stations: with fewer, the result cannot be checked.
 pub const MIN_STATIONS: usize = 5;
-/// The probability that a calibration sets aside a correct station.
+/// Probability that a calibration excludes a correct station.
 const FALSE_ALARM_PROBABILITY: f64 = 1e-3;
 /// Maximum distance of a station that is used in the first adjustment, as a multiple of the median distance.
 const MAX_START_MEDIANS: f64 = 3.0;
 const MAX_ROUNDS: usize = 10;
-/// Maximum relative error of the squares' size at which correct poses do not yet look wrong.
+/// Maximum relative error of the size of the squares at which correct poses do not appear wrong.
 const MAX_SQUARE_SIZE_ERROR: f64 = 0.001;
-/// If the residual of the poses is larger than this, other interpretations of the poses are tried, too, mm.
+/// Maximum residual of the poses, mm; with a larger one, other interpretations of the poses are tried as well.
 const MAX_PLAUSIBLE_RMS_MM: f64 = 0.5;
 
-/// The difference between the board's pose from the picture and its pose from the robot.
+/// The difference between the pose of the board from the picture and its pose from the robot.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Residual {
     /// The picture.
     pub name: String,
-    /// The distance at the board's middle, mm.
+    /// Distance at the centre of the board, mm.
     pub distance_mm: f64,
     /// Turn, degrees.
     pub angle_deg: f64,
     /// Whether the picture was used for the result.
     pub used: bool,
-    /// Root mean square of the residuals of the picture's own corners in the board's pose: px, or mm for 3D points.
+    /// Root mean square of the corner residuals in the board pose of this picture: px, or mm for 3D points.
     pub corners_rms: f64,
 }
 
@@ -56,35 +61,34 @@ pub struct Residual {
 pub struct HandEye<A: Arrangement> {
     /// The adjusted mount and board, with noise and covariance.
     pub adjustment: MountAdjustment<A>,
-    /// Each picture's residual, in the order of the input.
+    /// The residual of each picture, in the order of the input.
     pub residuals: Vec<Residual>,
     /// Root mean square of the used residuals, mm.
     pub rms_mm: f64,
     /// Root mean square of the used residuals, degrees.
     pub rms_deg: f64,
-    /// The point for which the uncertainty is stated, in the camera's frame.
+    /// The point for which the uncertainty is stated, in the camera frame.
     pub stated_point: Point<A::From>,
-    /// Radius that contains the error at that point with 95 % probability, mm.
+    /// Radius that contains the error at the stated point with 95 % probability, mm.
     pub uncertainty_mm: f64,
-    /// The number of poses that count as one, because the errors of the arm are similar in neighbouring poses; 1 if
-    /// they are independent.
+    /// Number of poses that have the weight of one independent pose, because the errors of the arm are similar in
+    /// neighbouring poses; 1 if the errors are independent.
     pub correlated_pose_count: f64,
-    /// The lens's part of the stated point's covariance, mm²; zero if the lens is regarded as exact.
+    /// Contribution of the lens to the covariance of the stated point, mm²; zero if the lens is treated as exact.
     pub lens_mm2: Matrix3<f64>,
-    /// The distance by which the point moves if the picture with the largest influence is left out, mm, and the name of
-    /// that picture.
+    /// Distance by which the stated point moves if the picture with the largest influence is excluded, mm, and the name
+    /// of this picture.
     pub worst_leave_one_out: (f64, String),
     /// Spread of the rotations about the second of their principal axes, degrees.
     pub second_axis_deg: f64,
-    /// The stations that do not fit, with the probable cause. They are judged with squares of the size that the motions
-    /// show.
+    /// The outlier stations, with the probable cause. They are judged with squares of the size that the motions show.
     pub suspects: Vec<SuspectStation>,
-    /// The size of the board's squares that the robot's motions show; `None` if the poses do not determine it.
+    /// The size of the board's squares that the motions of the robot show; `None` if the poses do not determine it.
     pub square: Option<SquareSize<A>>,
-    /// The focal length that the robot's motions show. It is not determined if the squares have another size, since
-    /// both have nearly the same effect.
+    /// The focal length that the motions of the robot show. It is not determined if the squares have another size,
+    /// since both have nearly the same effect.
     pub focal: Option<SquareSize<A>>,
-    /// Other interpretations of the poses that fit far better than the poses as they are written.
+    /// Other interpretations of the poses that match far better than the poses as written.
     pub readings: Vec<PoseReading>,
 }
 
@@ -99,9 +103,9 @@ impl<A: Arrangement> HandEye<A> {
         redundancy(&self.adjustment, self.correlated_pose_count)
     }
 
-    /// Returns this result for a lens that is known only to this covariance: the lens increases the stated uncertainty.
-    /// The pose does not change; it is valid for this lens. Points of a 3D camera hardly depend on the lens, so their
-    /// uncertainty does not change.
+    /// Returns this result for a lens with this covariance, which increases the stated uncertainty. The pose does not
+    /// change; it is valid for this lens. Points of a 3D camera hardly depend on the lens, so their uncertainty does
+    /// not change.
     ///
     /// # Errors
     /// If a corner would be behind the camera.
@@ -130,23 +134,25 @@ impl<A: Arrangement> HandEye<A> {
         Ok(HandEye { lens_mm2, uncertainty_mm, square, focal, ..self })
     }
 
-    /// Returns how far the stated point moves if the focal length that the motions show replaces the stated one, mm.
+    /// Returns how far the stated point moves if the focal length that the motions show replaces the stated focal
+    /// length, mm.
     pub fn focal_moves_mm(&self) -> Option<f64> {
         self.focal.as_ref().map(|size| size.moves_mm(&self.adjustment, self.stated_point))
     }
 
-    /// Returns how far the stated point moves if the squares' size that the motions show replaces the stated one, mm.
+    /// Returns how far the stated point moves if the size of the squares that the motions show replaces the stated
+    /// size, mm.
     pub fn square_moves_mm(&self) -> Option<f64> {
         self.square.as_ref().map(|size| size.moves_mm(&self.adjustment, self.stated_point))
     }
 
-    /// Returns the lens's part of the uncertainty, mm, 95 %; 0 if the lens is regarded as exact.
+    /// Returns the contribution of the lens to the uncertainty, mm, 95 %; 0 if the lens is treated as exact.
     pub fn lens_uncertainty_mm(&self) -> f64 {
         radius_95(&self.lens_mm2, f64::INFINITY)
     }
 
-    /// Returns whether the stated 95 % region, an ellipsoid about the stated point, contains an error of this size
-    /// and direction.
+    /// Returns whether the stated 95 % region, an ellipsoid about the stated point, contains an error of this size and
+    /// direction.
     pub fn region_contains(&self, error: Vector<A::To>) -> bool {
         let reach = 3.0 * f_quantile(3.0, self.redundancy(), 0.95);
         let inverse = self.covariance_mm2().try_inverse();
@@ -154,8 +160,8 @@ impl<A: Arrangement> HandEye<A> {
     }
 }
 
-/// Calibrates a mount. `at` is the point at which the uncertainty is stated, in the camera's frame; without it, the
-/// point is the middle of the positions at which the board was seen.
+/// Calibrates a mount. `at` is the point at which the uncertainty is stated, in the camera frame; by default, the
+/// centre of the observed board positions.
 ///
 /// # Errors
 /// If there are too few stations, they rotate too little, their angles look like radians, or they contradict each
@@ -175,7 +181,7 @@ pub fn hand_eye<A: Arrangement>(
     let [origin, right, far, low] = board.outer_corners();
     let rim: Vec<_> =
         [origin, right, far, low].iter().filter_map(|&(column, row)| board.corner(column, row)).collect();
-    // Other interpretations are tried only if the poses as written do not fit: a wrong interpretation can fit a few
+    // Other interpretations are tried only if the poses as written do not match: a wrong interpretation can match a few
     // poses by chance.
     let start = adjust::start_by_consensus::<A>(&moved, &seen, &rim).map_err(|error| match error {
         CalibError::NoConsensus { poses: count, median_mm, .. } => {
@@ -185,7 +191,7 @@ pub fn hand_eye<A: Arrangement>(
         error => error,
     })?;
     // If the poses are few and scatter, they are too few but not wrong. Therefore the first adjustment uses at least
-    // the necessary number of stations.
+    // the minimum number of stations.
     let mut sorted = start.distances_mm.clone();
     sorted.sort_by(f64::total_cmp);
     let needed = MIN_STATIONS.max(stations.len().div_ceil(2)).min(sorted.len());
@@ -194,12 +200,13 @@ pub fn hand_eye<A: Arrangement>(
     let all = StationSet { camera, stations, poses: &poses };
     let (adjusted, used) = all.reject_outliers((start.to_from_camera, start.holder_from_board), begin)?;
     let size = all.determine_square_size(&adjusted, &used);
-    // Below this share, the size changes no pose noticeably; with another size, wrong poses could appear correct.
+    // Below this relative error, the size changes no pose noticeably; with another size, wrong poses could appear
+    // correct.
     let true_size =
         size.as_ref().filter(|size| size.contradicts_stated() && (size.ratio - 1.0).abs() > MAX_SQUARE_SIZE_ERROR);
 
     let focal = match &size {
-        // The two scale factors have nearly the same effect in the pictures, so the focal length is measured only if
+        // The two scale factors have nearly the same effect in the pictures, so the focal length is determined only if
         // the squares agree.
         Some(size) if !size.contradicts_stated() => {
             let chosen: Vec<_> =
@@ -255,12 +262,12 @@ pub fn hand_eye<A: Arrangement>(
     })
 }
 
-/// Returns the degrees of freedom if several poses count as one.
+/// Returns the degrees of freedom if several poses have the weight of one.
 fn redundancy<A: Arrangement>(adjusted: &MountAdjustment<A>, poses_each: f64) -> f64 {
     (adjusted.redundancy / poses_each).max(1.0)
 }
 
-/// Returns the stated radius, with the effect of squares and focal length added if the motions contradict them.
+/// Returns the stated radius, increased by the effect of squares and focal length if the motions contradict them.
 fn with_size_uncertainty<A: Arrangement>(
     radius_mm: f64,
     adjusted: &MountAdjustment<A>,
@@ -309,7 +316,7 @@ fn check_rotation_spread<C: Frame>(stations: &[Station<C>], poses: &[BoardPose<C
     Ok(())
 }
 
-/// Returns the limit of [`adjust::outlier_statistic`]: a station with a larger value does not fit the others.
+/// Returns the limit of [`adjust::outlier_statistic`]; a station with a larger value is an outlier.
 fn outlier_limit<A: Arrangement>(adjusted: &MountAdjustment<A>, stations: usize) -> f64 {
     6.0 * f_quantile(6.0, adjusted.redundancy, 1.0 - FALSE_ALARM_PROBABILITY / stations as f64)
 }
@@ -331,8 +338,8 @@ struct StationSet<'a, C: Frame> {
 }
 
 impl<C: Frame> StationSet<'_, C> {
-    /// Adjusts the stations that agree. Repeats this until the test of each station against the result changes no
-    /// selection.
+    /// Adjusts the stations that agree. Repeats this until the test of each station against the result no longer
+    /// changes the selection.
     fn reject_outliers<A: Arrangement<From = C>>(
         &self,
         start: (Rigid<A::To, C>, Rigid<A::Holder, BoardFrame>),
@@ -375,7 +382,7 @@ impl<C: Frame> StationSet<'_, C> {
     }
 
     /// Determines the size of the squares from the stations that agree. If it differs from the stated size, correct
-    /// stations may have been set aside for this reason: the stations are then selected again with squares of the
+    /// stations may have been excluded for this reason: the stations are then selected again with squares of the
     /// measured size.
     fn determine_square_size<A: Arrangement<From = C>>(
         &self,
@@ -412,8 +419,8 @@ impl<C: Frame> StationSet<'_, C> {
         without.map_or(0.0, |without| adjust::outlier_statistic(self.camera, &without, station, seen))
     }
 
-    /// Returns the adjustment without one used station, approximated to first order; `None` if the other stations do
-    /// not determine it.
+    /// Returns the adjustment without one used station, to first order; `None` if the other stations do not determine
+    /// it.
     fn leave_out<A: Arrangement<From = C>>(
         &self,
         adjusted: &MountAdjustment<A>,
@@ -425,7 +432,8 @@ impl<C: Frame> StationSet<'_, C> {
         Some(adjusted.perturbed(&-(covariance * pull), covariance))
     }
 
-    /// Returns each used pose with the motion of the flange by which its picture deviates from it.
+    /// Returns each used pose with its deviation: the motion of the flange between the reported pose and the pose that
+    /// the picture shows.
     fn deviations<A: Arrangement<From = C>>(
         &self,
         adjusted: &MountAdjustment<A>,
@@ -483,7 +491,7 @@ impl<C: Frame> StationSet<'_, C> {
 pub struct Suggestion {
     /// The pose to which the flange must move.
     pub base_from_flange: KukaPose,
-    /// The uncertainty after this pose, mm.
+    /// The predicted uncertainty after this pose, mm.
     pub uncertainty_mm: f64,
 }
 
@@ -492,7 +500,7 @@ const NEARER_FACTOR: f64 = 0.8;
 /// Maximum tilt of the board, degrees: at a larger tilt its corners are detected poorly.
 const MAX_TILT_DEG: f64 = 50.0;
 
-/// Returns the next pose, if one was found that reduces the uncertainty.
+/// Returns the next pose; `None` if no candidate reduces the uncertainty.
 pub fn suggest_next_pose<A: Arrangement>(
     camera: &PinholeCamera,
     board: &Board,
@@ -526,7 +534,7 @@ pub fn suggest_next_pose<A: Arrangement>(
     best.filter(|best| best.uncertainty_mm < found.uncertainty_mm)
 }
 
-/// A rotation about the board's middle, and a factor for its distance.
+/// A rotation about the centre of the board, and a factor for its distance.
 struct PoseChange {
     turn: UnitQuaternion<f64>,
     factor: f64,

@@ -7,33 +7,33 @@ use panelprep_base::number_text::{distinguishable_percents, distinguishable_text
 use panelprep_base::verdict::{Judgement, Reason};
 use panelprep_cell::cell::{LensExtent, Limits};
 
-/// The subject of a verification of the force of a compliant tool without contact: its error and its limit are in N.
+/// Subject of a verification of the force of a compliant tool without contact; its error and its limit are in N.
 pub const TOOL_FORCE: &str = "tool_force";
 
-/// Returns the unit of a subject's error and limit.
+/// Returns the unit of the error and the limit of a subject.
 pub fn unit(subject: &str) -> &'static str {
     if subject == TOOL_FORCE { "N" } else { "mm" }
 }
 
-/// One verification by a picture of a fixed target, or by a touch.
+/// A verification with a picture of a fixed target, or with a touch.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Verification {
     /// Subject of the verification: `scanner`, `flange_camera`, `tool`, or the force of a compliant tool,
-    /// [`TOOL_FORCE`], with numbers in N.
+    /// [`TOOL_FORCE`], with values in N.
     pub subject: String,
-    /// Largest distance between the known and the measured position of the target, mm; for a force, the error in N.
+    /// Maximum distance between the known and the measured position of the target, mm; for a force, the error in N.
     pub error: f64,
-    /// The limit of the error, in the same unit.
+    /// Maximum error, in the unit of the error.
     pub limit: f64,
-    /// Content hash of the calibration files that were used, in the order of the cell's keys.
+    /// Content hash of the calibration files that were used, in the order of the keys in the cell's file.
     pub calibration_hash: String,
     /// Time of the verification, seconds since 1970.
     pub at_unix_s: i64,
-    /// The strike, if a person struck out the verification: it stays in the store, but no longer counts.
+    /// The strike, if a person struck out the verification: it stays in the store, but is no longer used.
     pub struck: Option<Strike>,
 }
 
-/// The strike of a wrong verification: person and reason.
+/// The strike of a wrong verification, with person and reason.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Strike {
     /// Name of the person.
@@ -60,7 +60,7 @@ impl VerificationLimits {
     }
 }
 
-/// Returns how far a board is from its known pose: the largest distance of its corners, mm.
+/// Returns the deviation of a board from its known pose: the maximum distance of its corners, mm.
 pub fn distance_mm(
     known: &Rigid<Base, BoardFrame>,
     found: &Rigid<Base, BoardFrame>,
@@ -69,15 +69,15 @@ pub fn distance_mm(
     corners.iter().map(|&corner| known.distance_at_mm(*found, corner)).fold(0.0, f64::max)
 }
 
-/// Returns the side of a board's squares that the touched corners show, since the arm's lengths are metric: the stated
-/// side times the factor that fits the board's own distances to those between the touched points. `None` if fewer than
-/// two corners were touched.
+/// Returns the side of a board's squares according to the touched corners, since the lengths of the arm are metric. The
+/// side is the stated side times the ratio of the distances between the touched points to those on the board (least
+/// squares). `None` if fewer than two corners were touched.
 pub fn square_size_from_touches(board: &Board, touched: &[(Point<BoardFrame>, Point<Base>)]) -> Option<f64> {
     let (mut both, mut own) = (0.0, 0.0);
     for (index, first) in touched.iter().enumerate() {
         for second in &touched[index + 1..] {
             let (of_board, of_arm) = (first.0.distance_mm(second.0), first.1.distance_mm(second.1));
-            // The sums run over all pairs, weighted by their distance: long distances determine the scale, short ones
+            // The sums are over all pairs, weighted by their distance: long distances determine the scale, short ones
             // mainly contain the error of the touches.
             both += of_board * of_arm;
             own += of_board * of_board;
@@ -91,22 +91,21 @@ const MAX_PNP_RMS_PX: f64 = 1.0;
 /// Maximum rotation of the board in the view of a bumped camera, degrees. If the corners are counted from another
 /// corner, the board appears rotated by 90° or 180°.
 const MAX_BOARD_ROTATION_DEG: f64 = 20.0;
-/// Maximum relative difference between the size of the squares as the 3D camera measures it and the board's stated
-/// size.
+/// Maximum relative difference between the size of the squares that the 3D camera measures and the stated size.
 const MAX_SQUARE_DIFFERENCE_SHARE: f64 = 0.02;
 
-/// A board's pose from one picture.
+/// The pose of a board, measured with one picture.
 #[derive(Debug, Clone, Copy)]
 pub struct BoardMeasurement {
-    /// The board's pose in the base.
+    /// The pose of the board in the base frame.
     pub base_from_board: Rigid<Base, BoardFrame>,
-    /// Distance of the corners from their computed pixels in that pose, px rms.
+    /// Distance of the corners from their computed pixels at this pose, px rms.
     pub pnp_rms_px: f64,
-    /// Side of a square, calculated from the 3D camera's own points, mm.
+    /// Side of a square, calculated from the points of the 3D camera, mm.
     pub measured_square_mm: Option<f64>,
 }
 
-/// Returns the reason why the seen corners cannot be those of this board; `None` if they can.
+/// Returns the reason why the measured corners cannot be those of this board; `None` if they can.
 pub fn board_mismatch(look: &BoardMeasurement, board: &Board) -> Option<Reason> {
     let rms_px = look.pnp_rms_px;
     if rms_px.is_nan() || rms_px > MAX_PNP_RMS_PX {
@@ -128,8 +127,8 @@ pub fn board_mismatch(look: &BoardMeasurement, board: &Board) -> Option<Reason> 
     })
 }
 
-/// Returns the reason why a measurement at these pixels is refused: the pictures from which the lens was calibrated do
-/// not determine it there. `None` if they do.
+/// Returns the reason why a measurement at these pixels is refused: the lens calibration is not valid there. `None` if
+/// it is valid at all of them.
 pub fn lens_extent_refusal(extent: &LensExtent, pixels: impl IntoIterator<Item = Pixel>) -> Option<Reason> {
     let error_px = extent.supported.as_ref()?.error_px;
     let pixel = pixels.into_iter().find(|pixel| !extent.contains_pixel(*pixel))?;
@@ -142,11 +141,11 @@ pub fn lens_extent_refusal(extent: &LensExtent, pixels: impl IntoIterator<Item =
     Some(Reason::new("outside_of_lens", message))
 }
 
-/// Returns the reason why a measurement carries no information on the calibration: it shows another board, a board at
+/// Returns the reason why a measurement contains no information on the calibration: it shows another board, a board at
 /// another position, or belongs to another pose of the flange. `None` if it can be used.
 ///
-/// A camera that was bumped shows the board displaced by less than half of the board's own diagonal, and rotated by
-/// less than 20°.
+/// A bumped camera shows the board displaced by less than half of the diagonal of the board, and rotated by less than
+/// 20°.
 pub fn uninformative_measurement(
     known: &Rigid<Base, BoardFrame>,
     look: &BoardMeasurement,
@@ -175,8 +174,8 @@ pub fn uninformative_measurement(
     })
 }
 
-/// Returns the reason why a board's pose is not accepted as a reference: the points of the 3D camera and its picture
-/// give different distances. `None` if they agree.
+/// Returns the reason why the pose of a board is not accepted as a reference: the points of the 3D camera and its
+/// picture give different distances. `None` if they agree.
 pub fn depth_differs(farther_mm: f64, limit_mm: f64) -> Option<Reason> {
     (farther_mm.is_nan() || farther_mm.abs() > limit_mm).then(|| {
         let [found, allowed] = distinguishable_texts(farther_mm.abs(), limit_mm, 2);
@@ -219,7 +218,7 @@ fn advice(subject: &str) -> String {
 }
 
 /// Judges whether a cycle may start. `last` is the newest verification of this subject; `calibration_hash` is the hash
-/// of the calibration files that are in use now.
+/// of the present calibration files.
 ///
 /// Rejects if the verification is missing, older than its maximum age, from the future, beyond the limit, or of other
 /// calibration files.
@@ -264,7 +263,7 @@ pub fn health(
     Judgement::new(reject, vec![])
 }
 
-/// The share of a verification's maximum age after which a warning is given: the warning comes in the last tenth.
+/// Fraction of the maximum age of a verification after which a warning is given.
 const WARNING_AGE_SHARE: f64 = 0.9;
 
 /// Returns a warning for a verification that is still valid but will soon be too old.
@@ -284,8 +283,8 @@ pub fn expiry_warning(last: &Verification, now_unix_s: i64, demands: Verificatio
 }
 
 impl Verification {
-    /// Returns whether the verification is valid for the calibration files with this hash: no person struck it out,
-    /// and it used these files.
+    /// Returns whether the verification is valid for the calibration files with this hash: no person struck it out, and
+    /// it was made with these files.
     pub fn counts_for(&self, calibration_hash: &str) -> bool {
         self.struck.is_none() && self.calibration_hash == calibration_hash
     }
@@ -298,14 +297,15 @@ pub struct CameraHealth<'a> {
     pub subject: &'a str,
     /// The newest verification of the subject.
     pub last: Option<&'a Verification>,
-    /// The hash of the camera's calibration files that are in use now.
+    /// Hash of the present calibration files of the camera.
     pub calibration_hash: &'a str,
 }
 
 /// Judges whether a cycle may start with these calibrations.
 ///
-/// Rejects if a camera's [`health`] rejects, or if the newest touch with the present tool was beyond the limit. A touch
-/// is not required: without one, the robot's part of the error is not measured, and the budget states this.
+/// Rejects if [`health`] rejects a camera, or if the error of the newest touch with the present tool was beyond the
+/// limit. A touch is not required: without one, the robot's part of the error is not measured, and the error budget
+/// states this.
 pub fn judge_start(
     cameras: &[CameraHealth<'_>],
     touch: Option<&Verification>,
@@ -356,7 +356,7 @@ mod tests {
         Verification { subject, error, limit: 0.5, calibration_hash: "ab".to_owned(), at_unix_s, struck: None }
     }
 
-    /// Calculated by hand: the last tenth of 24 h begins after 21.6 h.
+    /// Expected value, calculated by hand: the last 10 % of 24 h begin after 21.6 h.
     #[test]
     fn a_warning_is_given_in_the_last_tenth_of_a_verification() {
         let now = 1_700_000_000;
@@ -397,8 +397,8 @@ mod tests {
         }
     }
 
-    /// Calculated by hand for a board of 5 × 4 corners and squares of 40 mm: its middle is 100 mm from its first
-    /// corner, and 40 mm plus 2 % are 40.8 mm. Each limit is tested on both sides.
+    /// Expected values, calculated by hand for a board of 5 × 4 corners and squares of 40 mm: its centre is 100 mm from
+    /// its first corner, and 40 mm plus 2 % are 40.8 mm. Each limit is tested on both sides.
     #[test]
     fn another_board_is_distinguished_from_a_bumped_camera() {
         let board = Board::parse("5x4", 40.0).expect("a board");
@@ -428,8 +428,8 @@ mod tests {
         }
     }
 
-    /// Calculated by hand: if the touched corners of a board with squares of 40 mm are 0.5 % farther apart, the squares
-    /// measure 40.2 mm.
+    /// Expected value, calculated by hand: if the touched corners of a board with squares of 40 mm are 0.5 % farther
+    /// apart, the squares measure 40.2 mm.
     #[test]
     fn touched_corners_determine_the_size_of_the_squares() {
         let board = Board::parse("5x4", 40.0).expect("a board");
@@ -440,8 +440,8 @@ mod tests {
         assert_eq!(square_size_from_touches(&board, &touched[..1]), None);
     }
 
-    /// Calculated by hand: if the board is rotated by 0.01 rad about its origin, a corner 100 mm away has an error of 1
-    /// mm.
+    /// Expected value, calculated by hand: if the board is rotated by 0.01 rad about its origin, a corner 100 mm away
+    /// has an error of 1 mm.
     #[test]
     fn the_farthest_corner_counts() {
         let known: Rigid<Base, BoardFrame> =

@@ -1,25 +1,24 @@
 //! Intrinsics from pictures of a board (thesis 3.6), with their uncertainty.
 //!
-//! `lens_fit` minimises the reprojection error of all corners over the camera and every board's pose, among lenses that
-//! can be inverted over the whole picture. A picture with corners that fit far worse than the others' (blurred, bent
-//! board, wrong corners) is set aside with the reason, and the rest is calibrated again. [`choose`] selects how many
-//! distortion coefficients the pictures support, and [`fit_board_shape`] tests whether the board is flat. The coverage
-//! of the picture and the tilts of the board show what the pictures can determine: without tilt, focal length and
-//! distance cannot be distinguished; without corners near the rim, distortion is extrapolated.
+//! `lens_fit` minimises the reprojection error of all corners over the camera and the board poses, among lenses that
+//! can be inverted over the whole picture. A picture whose corners have far larger residuals than those of the other
+//! pictures (blurred, bent board, wrong corners) is excluded with the reason, and the rest is calibrated again.
+//! [`choose`] selects how many distortion coefficients the pictures support, and [`fit_board_shape`] tests whether the
+//! board is flat. The coverage of the picture and the tilts of the board show what the pictures can determine: without
+//! tilt, focal length and distance cannot be distinguished; without corners near the rim, distortion is extrapolated.
 //!
-//! Each lens model is fitted without some of the pictures and judged by its prediction of these pictures. A
-//! coefficient that the data do not support follows the noise and does not improve the prediction of left-out
-//! pictures. The simplest model that passes a test is selected: its left-out pictures are not worse than the best
-//! model's by more than the scatter of that comparison from picture to picture (the one-standard-error rule, Breiman
-//! et al. 1984).
+//! Each lens model is fitted without some of the pictures and judged by its prediction of these left-out pictures
+//! (cross-validation). A coefficient that the data do not support follows the noise and does not improve the
+//! prediction. The simplest model is selected whose prediction error is not larger than that of the best model by more
+//! than the scatter of this difference from picture to picture (the one-standard-error rule, Breiman et al. 1984).
 //!
-//! A bent board, or one with unequal squares, leaves residuals that are the same at each of its corners in all
-//! pictures, which no lens and no pose absorbs. Each corner's position on the board gets its own offset δⱼ, as in
+//! A bent board, or a board with unequal squares, leaves residuals that are the same at each of its corners in all
+//! pictures, and that no lens and no pose absorbs. The position of each corner on the board gets an offset δⱼ, as in
 //! OpenCV's `calibrateCameraRO`. Lens and poses are adjusted in turn with the offsets. For fixed lens and poses each
 //! offset is
 //!     δⱼ = (Σᵢ JᵢⱼᵀJᵢⱼ)⁻¹ Σᵢ Jᵢⱼᵀ rᵢⱼ,                                                                           (1)
-//! with J the derivative of the pixel with respect to the corner's position. The part of the offsets that is a motion
-//! or another scale of the whole board belongs to the poses, and is removed from the stated offsets.
+//! with J the derivative of the pixel with respect to the position of the corner. The part of the offsets that is a
+//! motion or another scale of the whole board belongs to the poses, and is removed from the stated offsets.
 
 use super::board::Board as BoardPattern;
 use super::detect::Corners;
@@ -38,20 +37,20 @@ use std::collections::BTreeMap;
 /// A picture with its corners.
 #[derive(Debug, Clone, PartialEq)]
 pub struct View {
-    /// The picture's name in messages.
+    /// Name of the picture in messages.
     pub name: String,
-    /// The corners that it shows.
+    /// The corners that the picture shows.
     pub corners: Corners,
 }
 
-/// One picture's part in the calibration.
+/// The result of the calibration for one picture.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ViewResult {
     /// The picture.
     pub name: String,
     /// Root mean square distance of the picture's corners from the camera model, px.
     pub rms_px: f64,
-    /// The reason why the picture was set aside; `None` if it was used.
+    /// The reason why the picture was excluded; `None` if it was used.
     pub exclusion_reason: Option<String>,
 }
 
@@ -60,9 +59,9 @@ pub struct ViewResult {
 pub struct CornerResidual {
     /// The pixel at which the corner was found.
     pub pixel: Pixel,
-    /// Found minus computed, u, px.
+    /// Found minus computed pixel, u, px.
     pub du_px: f64,
-    /// Found minus computed, v, px.
+    /// Found minus computed pixel, v, px.
     pub dv_px: f64,
 }
 
@@ -73,13 +72,13 @@ pub struct Calibrated {
     pub camera: PinholeCamera,
     /// The lens model: it states which coefficients the lens has.
     pub model: LensModel,
-    /// Prediction error of each model on pictures that were left out, the simplest model first.
+    /// Prediction error of each model on left-out pictures, the simplest model first.
     pub trials: Vec<ModelTrial>,
     /// Root mean square distance of all used corners, px.
     pub rms_px: f64,
     /// Root mean square distance of the corners in left-out pictures, px.
     pub left_out_rms_px: f64,
-    /// The distance within which 95 % of the corners in left-out pictures lie, px.
+    /// Distance within which 95 % of the corners in left-out pictures are, px.
     pub left_out_95_px: f64,
     /// Standard deviations of fx, fy, cx, cy (px), k1, k2, p1, p2, k3.
     pub deviations: [f64; 9],
@@ -89,20 +88,20 @@ pub struct Calibrated {
     pub support: LensSupport,
     /// The pictures, in the order of the input.
     pub views: Vec<ViewResult>,
-    /// Share of the picture's 8 × 6 fields that contain a corner.
+    /// Fraction of the picture's 8 × 6 fields that contain a corner.
     pub coverage: f64,
-    /// Smallest and largest tilt of the board relative to the image plane, degrees.
+    /// Minimum and maximum tilt of the board relative to the image plane, degrees.
     pub tilt_deg: [f64; 2],
     /// The residual of every used corner.
     pub residuals: Vec<CornerResidual>,
-    /// The board's own shape, if it explains the residuals: the board is bent, or its squares are not equal.
+    /// The shape of the board, if it explains the residuals: the board is bent, or its squares are not equal.
     pub board_shape: Option<BoardShape>,
-    /// The information of corners and prior on the lens.
+    /// The information of corners and prior about the lens.
     information: LensCovariance,
 }
 
 impl Calibrated {
-    /// Returns the picture of this board that would improve the lens most; `None` if no picture improves it much.
+    /// Returns the next picture of this board that would improve the lens most; `None` if no picture improves it much.
     pub fn next_picture(&self, board: &BoardPattern) -> Option<NextPicture> {
         lens_support::best_next_picture(&self.camera, board, &self.information)
     }
@@ -111,23 +110,23 @@ impl Calibrated {
 /// Options of the calibration.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Options {
-    /// Whether no picture may be set aside.
+    /// Whether no picture may be excluded.
     pub keep_all_pictures: bool,
-    /// The lens model; without it, the model is chosen from the data.
+    /// The lens model; `None` to select it from the data.
     pub model: Option<LensModel>,
 }
 
-/// Minimum number of pictures: fewer do not determine a camera.
+/// Minimum number of pictures that determine a camera.
 pub const MIN_VIEWS: usize = 4;
-/// A picture is set aside if its residual is more than this multiple of the median.
+/// Maximum residual of a used picture, as a multiple of the median.
 const MIN_OUTLIER_RATIO: f64 = 2.5;
 /// Maximum residual of a picture that is good independently of the others, px.
 const MAX_GOOD_RMS_PX: f64 = 0.15;
-/// Maximum share of the pictures that are set aside.
+/// Maximum fraction of the pictures that are excluded.
 const MAX_EXCLUDED_SHARE: f64 = 0.34;
 const COVERAGE_FIELDS: (usize, usize) = (8, 6);
 
-/// Calibrates a camera's intrinsics from pictures of a board.
+/// Calibrates the intrinsics of a camera from pictures of a board.
 ///
 /// # Errors
 /// If there are too few pictures, or their corners determine no camera.
@@ -140,14 +139,14 @@ pub fn calibrate(size: (usize, usize), views: &[View], options: Options) -> Resu
             let (found, given) = (used.len(), views.len());
             return Err(CalibError::TooFewPictures { found, given, needed: MIN_VIEWS, first_reason: None });
         }
-        // A model of medium size: with a simpler one, pictures with corners near the border would look wrong; a larger
-        // one would fit the errors of bad pictures.
+        // A model of medium size: with a simpler one, pictures with corners near the border would appear wrong; a
+        // larger one would fit the errors of bad pictures.
         let first = fit_lens(size, &used, options.model.unwrap_or(LensModel::Tangential))?;
         let rms = rms_per_picture(&first, &used);
         let set_aside = aside.iter().flatten().count() + 1;
         let allowed = !options.keep_all_pictures && set_aside as f64 <= MAX_EXCLUDED_SHARE * views.len() as f64;
-        // One picture at a time, then a new fit: a bad picture changes the lens, so that good pictures look worse than
-        // they are.
+        // One picture at a time is excluded, then the lens is fitted again: a bad picture changes the lens, so that
+        // good pictures appear worse than they are.
         let Some((worst, limit_px)) = worst_outlier(&rms).filter(|_| allowed && used.len() > MIN_VIEWS) else {
             return choose_model(first, &used, options.model, (views, &aside));
         };
@@ -182,7 +181,7 @@ fn rms_per_picture(fit: &LensFit, used: &[&View]) -> Vec<f64> {
     used.iter().zip(&fit.poses).map(rms).collect()
 }
 
-/// Chooses the lens model and computes its evidence.
+/// Selects the lens model and computes its evidence.
 fn choose_model(
     first: LensFit,
     used: &[&View],
@@ -216,8 +215,8 @@ fn choose_model(
     if redundancy <= 0.0 || left_out.is_empty() {
         return Err(unsettled);
     }
-    // The larger of two estimates: if corners deviate in the same way in each picture, the residuals of the fit itself
-    // hardly show this.
+    // The larger of two estimates: if corners deviate in the same way in each picture, the residuals of the fit hardly
+    // show this.
     let variance_px2 = (found.square / redundancy).max(left_out_square / (found.rows - poses));
     let information = lens_fit::information(&found.camera, &grams, variance_px2);
     let information = information.ok_or_else(|| unsettled.clone())?;
@@ -268,14 +267,14 @@ fn rms_px(residuals: &[CornerResidual]) -> f64 {
     (square / residuals.len().max(1) as f64).sqrt()
 }
 
-/// Returns the worst picture and the limit that it exceeds.
+/// Returns the index of the worst picture and the limit that its residual exceeds.
 fn worst_outlier(rms: &[f64]) -> Option<(usize, f64)> {
     let limit_px = (MIN_OUTLIER_RATIO * median(&mut rms.to_vec())?).max(MAX_GOOD_RMS_PX);
     let (worst, largest) = rms.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1))?;
     (*largest > limit_px).then_some((worst, limit_px))
 }
 
-/// Returns the share of the picture's fields that contain a corner.
+/// Returns the fraction of the picture's fields that contain a corner.
 pub fn coverage<'c>(
     (width, height): (usize, usize),
     corners: impl IntoIterator<Item = &'c (Point<Board>, Pixel)>,
@@ -289,8 +288,8 @@ pub fn coverage<'c>(
     seen.iter().filter(|seen| **seen).count() as f64 / seen.len() as f64
 }
 
-/// Returns the tilts of the boards relative to the image plane: a board that is parallel to it carries no
-/// information on the focal length, wherever it is.
+/// Returns the tilts of the boards relative to the image plane: a board that is parallel to this plane gives no
+/// information on the focal length, at any position.
 fn board_tilts(poses: &[Rigid<Camera, Board>]) -> [f64; 2] {
     let tilt = |pose: &Rigid<Camera, Board>| (pose.rotation() * Vector3::z()).angle(&Vector3::z()).to_degrees();
     poses.iter().map(tilt).fold([f64::INFINITY, 0.0], |[low, high], tilt| [low.min(tilt), high.max(tilt)])
@@ -301,11 +300,11 @@ fn board_tilts(poses: &[Rigid<Camera, Board>]) -> [f64; 2] {
 pub struct ModelTrial {
     /// The model.
     pub model: LensModel,
-    /// Root mean square distance of corners in left-out pictures, px; `None` if no such lens could be fitted.
+    /// Root mean square distance of corners in left-out pictures, px; `None` if the model could not be fitted.
     pub left_out_rms_px: Option<f64>,
-    /// The relative increase of the mean square over that of the best model, as the mean over the pictures.
+    /// Relative increase of the mean square over that of the best model, as the mean over the pictures.
     pub relative_increase: f64,
-    /// The standard error of `relative_increase`.
+    /// Standard error of `relative_increase`.
     pub increase_error: f64,
 }
 
@@ -316,14 +315,14 @@ type LeftOutDistances = Vec<f64>;
 struct ModelChoice {
     pub model: LensModel,
     pub trials: Vec<ModelTrial>,
-    /// The distances in each picture when it was left out, for the chosen model.
+    /// For the selected model, the distances in each picture when it was left out.
     pub left_out_distances: Vec<LeftOutDistances>,
 }
 
-/// The number of groups in which pictures are left out.
+/// Number of groups for the cross-validation; one group at a time is left out.
 const GROUPS: usize = 5;
 
-/// Chooses a model; `fits` has the fit of each model to all pictures.
+/// Selects a model; `fits` contains the fit of each model to all pictures.
 fn choose(fits: &[(LensModel, Option<LensFit>)], views: &[&Corners]) -> Option<ModelChoice> {
     let groups = GROUPS.min(views.len());
     let tasks: Vec<(usize, usize)> = (0..fits.len()).flat_map(|fit| (0..groups).map(move |g| (fit, g))).collect();
@@ -347,7 +346,7 @@ fn choose(fits: &[(LensModel, Option<LensFit>)], views: &[&Corners]) -> Option<M
     let trials: Vec<ModelTrial> =
         fits.iter().zip(&all).map(|((model, _), all)| trial(*model, all.as_ref(), &best)).collect();
     let chosen =
-        // The simplest model within one standard error of the best: coefficients that the pictures do not prove only
+        // The simplest model within one standard error of the best: coefficients that the pictures do not support only
         // add uncertainty at the border.
         trials.iter().position(|trial| {
             trial.left_out_rms_px.is_some() && trial.relative_increase <= trial.increase_error
@@ -387,8 +386,8 @@ fn leave_group_out(
     views: &[&Corners],
     (group, groups): (usize, usize),
 ) -> Option<Vec<(usize, LeftOutDistances)>> {
-    // A group contains every fifth picture, not consecutive ones: neighbours in a series show nearly the same view and
-    // would predict each other.
+    // A group contains every fifth picture, not consecutive ones: neighbouring pictures of a series show nearly the
+    // same view and would predict each other.
     let is_left_out = |index: usize| index % groups == group;
     let kept: Vec<usize> = (0..views.len()).filter(|index| !is_left_out(*index)).collect();
     let poses = kept.iter().map(|index| found.poses[*index]).collect();
@@ -405,39 +404,39 @@ fn leave_group_out(
     (0..views.len()).filter(|index| is_left_out(*index)).map(left_out).collect()
 }
 
-/// Number of rounds in which lens and board shape are adjusted in turn.
+/// Number of iterations in which lens and board shape are adjusted in turn.
 const SHAPE_ITERATIONS: usize = 6;
 /// Minimum number of pictures that distinguish the shape of a board from noise.
 const MIN_SHAPE_VIEWS: usize = 6;
-/// A corner's position is an unknown if at least this number of pictures show it.
+/// Minimum number of pictures that show a corner, for its position to be an unknown.
 const MIN_VIEWS_PER_CORNER: usize = 4;
-/// Maximum rms distance of the corners from those of a flat board at which the board counts as flat, px.
+/// Maximum rms distance of the corners of a flat board from a plane, px.
 const MAX_FLAT_BOARD_RMS_PX: f64 = 0.08;
-/// Maximum ratio of the corners' residuals with the board's own shape to those with a flat board; the board is not flat
-/// only if the ratio is below this.
+/// Maximum ratio of the corner residuals with the fitted board shape to those with a flat board, for the board to be
+/// reported as not flat.
 const MAX_SHAPE_ERROR_RATIO: f64 = 0.8;
 
 /// The shape of a board that is not flat, or has unequal squares.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BoardShape {
-    /// Root mean square of the corners' distances from those of a flat board, px, calculated with the redundancy of
-    /// the fit.
+    /// Root mean square distance of the corners from those of a flat board, px, calculated with the redundancy of the
+    /// fit.
     pub flat_px: f64,
-    /// Root mean square of the corners' distances with the board's own shape, px.
+    /// Root mean square distance of the corners with the fitted board shape, px.
     pub fitted_rms_px: f64,
-    /// The bow of the board, from its lowest to its highest corner, mm.
+    /// Bow of the board, from its lowest to its highest corner, mm.
     pub bow_mm: f64,
-    /// The largest distance of a corner from its nominal position in the plane, mm.
+    /// Maximum distance of a corner from its nominal position in the plane, mm.
     pub max_in_plane_shift_mm: f64,
 }
 
-/// Returns a corner's position as a key, in thousandths of a millimetre.
+/// Returns the position of a corner as a key, in thousandths of a millimetre.
 fn key(q: &Point<Board>) -> [i64; 2] {
     [q.mm.x, q.mm.y].map(|mm| (mm * 1e3).round() as i64)
 }
 
-/// Returns the board's shape if it explains the residuals; `None` for a flat board, or if the pictures do not
-/// determine it.
+/// Returns the shape of the board if it explains the residuals; `None` for a flat board, or if the pictures do not
+/// determine the shape.
 fn fit_board_shape(model: LensModel, flat: &LensFit, corners: &[&Corners]) -> Option<BoardShape> {
     let rms = |square: f64, free: f64| (2.0 * square / free).sqrt();
     let own = model.count() as f64 + 6.0 * corners.len() as f64;
@@ -472,7 +471,7 @@ fn apply_offsets(corners: &Corners, offsets: &BTreeMap<[i64; 2], Vector3<f64>>) 
     corners.iter().map(|(q, pixel)| (at(q), *pixel)).collect()
 }
 
-/// Solves equation (1), and adds the result to the present offsets.
+/// Solves (1), and adds the result to the present offsets.
 fn solve_offsets(
     fit: &LensFit,
     corners: &[&Corners],
@@ -498,7 +497,7 @@ fn solve_offsets(
     sums.into_iter().map(offset).collect()
 }
 
-/// Returns the bow and the largest shift in the plane, mm, after the motion and the scale of the whole board are
+/// Returns the bow and the maximum shift in the plane, mm, after the motion and the scale of the whole board are
 /// removed.
 fn bow_and_shift(offsets: &BTreeMap<[i64; 2], Vector3<f64>>) -> Option<[f64; 2]> {
     let count = offsets.len();

@@ -1,26 +1,27 @@
-//! Fits the lens of a given model to corners by least squares; the lens can be inverted after every step. Also states
-//! how well the pictures determine the lens.
+//! Fits the lens of a given model to corners by least squares, so that the lens can be inverted after every step. The
+//! module also states how accurately the pictures determine the lens.
 //!
 //! A model contains none, some or all of the five distortion coefficients.
 //!
-//! Levenberg–Marquardt minimises the reprojection error over lens and boards' poses, with the poses eliminated. A
-//! lens folds at the radius at which its distorted radius stops growing. A step to a lens that folds anywhere in
-//! the picture is never made, and the barrier
+//! Levenberg–Marquardt minimises the reprojection error over lens and board poses, with the poses eliminated. A lens
+//! folds at the radius at which its distorted radius stops growing. A step to a lens that folds anywhere in the picture
+//! is never made, and the barrier
 //!     − 2 μ Σ ln s(rᵢ),   s(r) = 1 + 3 k1 r² + 5 k2 r⁴ + 7 k3 r⁶ − 0.9 · least slope                            (1)
-//! over radii of the picture keeps the steps away from it. Prior knowledge of any camera is added: the principal
-//! point lies near the picture's middle, and both focal lengths are nearly equal. μ is so small that all of this
-//! counts only if the corners carry no information.
+//! over radii of the picture keeps the steps away from it. Prior knowledge of any camera is added: the principal point
+//! is near the centre of the picture, and both focal lengths are nearly equal. μ is so small that barrier and prior
+//! have an effect only if the corners contain no information.
 //!
-//! The covariance of the nine parameters of a lens has the boards' poses eliminated, too. With J the derivatives of
-//! all corners with respect to the lens and Jᵢ those with respect to the pose of picture i,
+//! The board poses are also eliminated from the covariance of the nine lens parameters. With J the derivatives of all
+//! corners with respect to the lens and Jᵢ those with respect to the pose of picture i,
 //!     C = σ² (Σ Jᵀ J − Σ Jᵀ Jᵢ (Jᵢᵀ Jᵢ)⁻¹ Jᵢᵀ J + σ² D)⁻¹.                                                      (2)
 //! A mount needs the whole of C, since principal point, tangential distortion and focal length are far from
-//! independent. D is the prior knowledge of any lens: no coefficient moves the picture's rim by more than a stated
-//! share of its radius, the principal point lies near the picture's middle, the focal lengths are nearly equal. This
-//! knowledge has an effect only if the pictures carry no information. All five coefficients are in (2) with every
-//! model, since a coefficient that was left out is not known to be zero. σ² is that of the left-out pictures, if it is
-//! the larger. OpenCV states only the roots of C's diagonal, and these roots are too large by a factor of √2 or a
-//! little more: OpenCV's σ² divides by the number of corners, although each corner has two rows.
+//! independent. D is the prior knowledge of any lens: no coefficient moves the rim of the picture by more than a stated
+//! fraction of its radius, the principal point is near the centre of the picture, and the focal lengths are nearly
+//! equal. This knowledge has an effect only if the pictures contain no information. All five coefficients are in (2)
+//! with every model, since an omitted coefficient is not known to be zero. If the variance of the left-out pictures is
+//! larger than that of the fit, σ² is the larger one. OpenCV states only the square roots of the diagonal of C. These
+//! are too large by a factor of √2 or a little more: OpenCV's σ² divides by the number of corners, although each corner
+//! has two rows.
 
 use super::adjust::scaled_inverse;
 use super::chain::exp_map;
@@ -30,7 +31,7 @@ use panelprep_base::geometry::{Board, Camera, PinholeCamera, Rigid};
 use panelprep_cell::cell::LensCovariance;
 use strum::{IntoStaticStr, VariantArray};
 
-/// A lens model; each contains the coefficients of the models before it.
+/// A lens model; each model contains the coefficients of the models before it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, IntoStaticStr, VariantArray)]
 pub enum LensModel {
     /// No distortion.
@@ -60,36 +61,36 @@ const COEFFICIENTS: [(&str, usize, LensModel); 5] = [
 ];
 
 impl LensModel {
-    /// All models; the simplest is first.
+    /// All models, the simplest first.
     pub const ALL: &'static [LensModel] = <Self as VariantArray>::VARIANTS;
 
-    /// Returns the model's name on the command line and in files.
+    /// Returns the name of the model on the command line and in files.
     pub fn name(self) -> &'static str {
         self.into()
     }
 
-    /// Returns whether the parameter at this index among fx, fy, cx, cy, k1, k2, p1, p2, k3 belongs to the model.
+    /// Returns whether the model contains the parameter at this index among fx, fy, cx, cy, k1, k2, p1, p2, k3.
     pub fn contains_parameter(self, place: usize) -> bool {
         COEFFICIENTS.iter().find(|(_, at, _)| *at == place).is_none_or(|(_, _, model)| *model <= self)
     }
 
-    /// Returns the number of the model's parameters, including focal lengths and principal point.
+    /// Returns the number of parameters of the model, including focal lengths and principal point.
     pub fn count(self) -> usize {
         (0..9).filter(|place| self.contains_parameter(*place)).count()
     }
 
-    /// Returns the coefficients that this model has and the previous model does not have.
+    /// Returns the coefficients that this model contains and the previous model does not.
     pub fn added(self) -> Vec<&'static str> {
         COEFFICIENTS.iter().filter(|(_, _, model)| *model == self).map(|(name, ..)| *name).collect()
     }
 
-    /// Returns the coefficients that are not in the model.
+    /// Returns the coefficients that the model does not contain.
     pub fn excluded_coefficients(self) -> Vec<&'static str> {
         COEFFICIENTS.iter().filter(|(_, _, model)| *model > self).map(|(name, ..)| *name).collect()
     }
 }
 
-/// A lens with the pose of each picture's board.
+/// A lens with the pose of the board in each picture.
 #[derive(Debug, Clone)]
 pub(super) struct LensFit {
     pub camera: PinholeCamera,
@@ -103,12 +104,12 @@ pub(super) struct LensFit {
 const MAX_STEPS: usize = 60;
 /// μ of (1), px².
 const BARRIER_PX2: f64 = 2.5e-3;
-/// The iteration ends when the relative decrease of the sum of squares is smaller than this.
+/// Maximum relative decrease of the sum of squares in the last step, at which the iteration ends.
 const CONVERGENCE_TOLERANCE: f64 = 1e-10;
 /// Minimum derivative of the distorted radius with respect to the undistorted one.
 const MIN_SLOPE: f64 = 0.05;
 const BARRIER_RADII: usize = 12;
-/// Usual standard deviation of the principal point from the middle, as a share of the picture's side.
+/// Usual standard deviation of the principal point from the centre, as a fraction of the picture's side.
 const CENTRE_PRIOR_SHARE: f64 = 0.15;
 /// Prior standard deviation of the ratio of both focal lengths, whose expected value is 1.
 const FOCAL_RATIO_PRIOR: f64 = 0.02;
@@ -161,7 +162,7 @@ pub(super) fn estimate_pose(
     Some((pose, gram.square))
 }
 
-/// Returns the lens with only the model's coefficients.
+/// Returns the lens with only the coefficients of the model.
 fn restrict_to_model(model: LensModel, camera: &PinholeCamera) -> PinholeCamera {
     let all = lens_parameters(camera);
     let kept = camera_from_parameters(
@@ -174,7 +175,7 @@ fn restrict_to_model(model: LensModel, camera: &PinholeCamera) -> PinholeCamera 
     PinholeCamera { k1: 0.0, k2: 0.0, p1: 0.0, p2: 0.0, k3: 0.0, ..*camera }
 }
 
-/// Returns fx, fy, cx, cy, k1, k2, p1, p2, k3.
+/// Returns the lens parameters fx, fy, cx, cy, k1, k2, p1, p2, k3.
 fn lens_parameters(camera: &PinholeCamera) -> SVector<f64, 9> {
     let c = camera;
     SVector::from([c.fx_px, c.fy_px, c.cx_px, c.cy_px, c.k1, c.k2, c.p1, c.p2, c.k3])
@@ -198,7 +199,7 @@ fn camera_from_parameters(camera: &PinholeCamera, n: &SVector<f64, 9>) -> Pinhol
     }
 }
 
-/// Returns the largest undistorted radius in the picture; `None` if the lens folds within the picture.
+/// Returns the maximum undistorted radius in the picture; `None` if the lens folds within the picture.
 fn undistorted_radius(camera: &PinholeCamera) -> Option<f64> {
     if !(camera.fx_px > 1.0 && camera.fy_px > 1.0) {
         return None;
@@ -219,7 +220,7 @@ struct State {
 }
 
 impl State {
-    /// Creates the state of this lens and these poses; `None` if the lens folds or a corner lies behind the camera.
+    /// Creates the state of this lens and these poses; `None` if the lens folds or a corner is behind the camera.
     fn new(camera: PinholeCamera, poses: Vec<Rigid<Camera, Board>>, views: &[&Corners]) -> Option<Self> {
         let radius = undistorted_radius(&camera)?;
         let grams: Vec<LensGram> = views
@@ -329,7 +330,7 @@ pub(super) struct LensGram {
 }
 
 impl LensGram {
-    /// Returns the products of a picture; `None` if a corner lies behind the camera.
+    /// Returns the products of a picture; `None` if a corner is behind the camera.
     pub fn compute(
         camera: &PinholeCamera,
         corners: &Corners,
@@ -363,20 +364,20 @@ impl LensGram {
         Some(gram)
     }
 
-    /// Returns the picture's information on the lens, with its pose eliminated.
+    /// Returns the information of the picture about the lens, with its pose eliminated.
     pub fn information(&self) -> Option<LensCovariance> {
         Some(self.lens - self.lens_pose_cross * scaled_inverse(&self.pose)? * self.lens_pose_cross.transpose())
     }
 }
 
-/// Standard deviation of the displacement of the rim by radial terms, as a share of its radius.
+/// Prior standard deviation of the displacement of the rim by radial terms, as a fraction of its radius.
 const RADIAL_PRIOR_SHARE: f64 = 0.2;
-/// Standard deviation of the displacement of the rim by tangential terms, as a share of its radius: lenses of one
-/// manufacturer differ by a thousandth.
+/// Prior standard deviation of the displacement of the rim by tangential terms, as a fraction of its radius: lenses of
+/// one manufacturer differ by a thousandth.
 const TANGENTIAL_PRIOR_SHARE: f64 = 0.01;
 
-/// Returns the information of corners and prior together, in units of `variance_px2`; `None` if a picture
-/// determines no pose.
+/// Returns the sum of the information of corners and prior, in units of `variance_px2`; `None` if a picture determines
+/// no pose.
 pub(super) fn information(camera: &PinholeCamera, grams: &[LensGram], variance_px2: f64) -> Option<LensCovariance> {
     let mut normal = LensCovariance::zeros();
     for gram in grams {

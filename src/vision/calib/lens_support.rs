@@ -1,15 +1,15 @@
-//! The part of the picture that the data support, namely the pixels at which the lens is known to a stated error; and
-//! the picture of the board that would improve a lens most.
+//! The part of the picture that the data support (the pixels at which the lens is known to a stated error), and the
+//! picture of the board that would improve a lens most.
 //!
-//! C is the lens's covariance, J the derivative of a pixel with respect to the lens, and Jp that with respect to the
-//! pose of a board. A lens error δ makes a board appear displaced, and a pose compensates a part of that: P δ, by
-//! least squares over the corners that were used. The remainder, (J − Jp P) δ, cannot be compensated later; its 95 %
-//! circle is the error of the lens at that pixel. It grows from the centre of the corners outwards; the outline is the
-//! line at which it exceeds the limit.
+//! C is the covariance of the lens, J the derivative of a pixel with respect to the lens, and Jp its derivative with
+//! respect to the pose of a board. A lens error δ makes a board appear displaced. The estimated pose compensates a part
+//! of this displacement: P δ, by least squares over the corners that were used. The remainder, (J − Jp P) δ, cannot be
+//! compensated afterwards; its 95 % circle is the error of the lens at this pixel. The error increases from the centre
+//! of the corners outwards; the outline is the line at which it exceeds the limit.
 //!
-//! For the next picture, the board is simulated in nine parts of the picture, flat and tilted in four directions. Of
-//! the poses at which the picture contains it completely, the best is the one after which the lens's error, summed
-//! over the picture, is least.
+//! For the next picture, the board is simulated in nine parts of the picture, flat and tilted in four directions. Only
+//! poses are considered at which the picture contains the whole board. The best pose is the one after which the lens
+//! error, summed over the picture, is smallest.
 
 use super::adjust::scaled_inverse;
 use super::board::Board;
@@ -24,16 +24,16 @@ use panelprep_cell::cell::LensCovariance;
 pub struct LensSupport {
     /// The error for which the support is stated, 95 %, px.
     pub error_px: f64,
-    /// The outline of the part in which the lens is known to this error; `None` if this is the whole picture.
+    /// Outline of the part in which the lens is known to this error; `None` if this is the whole picture.
     pub outline_px: Option<Vec<Pixel>>,
-    /// The part's share of the picture.
+    /// The supported part as a fraction of the picture.
     pub share: f64,
 }
 
-/// Maximum error of a lens in the part in which it counts as known, 95 %, px.
+/// Maximum error of a lens in the supported part of the picture, 95 %, px.
 pub const MAX_LENS_ERROR_PX: f64 = 0.3;
-/// If the error is larger than [`MAX_LENS_ERROR_PX`] even in the middle of the corners, the stated error is this
-/// multiple of the error there, at most `MAX_STATED_ERROR_PX`, px.
+/// Ratio of the stated error to the error in the centre of the corners, if the error is larger than
+/// [`MAX_LENS_ERROR_PX`] even there. The stated error is at most `MAX_STATED_ERROR_PX`, px.
 const MAX_RATIO_TO_MIDDLE: f64 = 1.5;
 const MAX_STATED_ERROR_PX: f64 = 3.0;
 /// The 95 % quantile of χ² with two degrees of freedom.
@@ -58,8 +58,8 @@ pub(super) fn compute_support(
         pixels.iter().map(|pixel| pixel.u).sum::<f64>() / count,
         pixels.iter().map(|pixel| pixel.v).sum::<f64>() / count,
     );
-    // If the error is larger than the limit even in the middle, the stated part is that in which the error is hardly
-    // larger than in the middle.
+    // If the error is larger than the limit even in the centre, the stated part is the part in which the error is
+    // hardly larger than in the centre.
     let allowed_px = MAX_LENS_ERROR_PX.max(MAX_RATIO_TO_MIDDLE * error_at(middle));
     if allowed_px.is_nan() || allowed_px > MAX_STATED_ERROR_PX {
         return nowhere;
@@ -85,7 +85,7 @@ pub(super) fn compute_support(
     LensSupport { error_px: allowed_px, outline_px: Some(outline), share }
 }
 
-/// Returns the distance from a pixel to the picture's rim in a direction, px.
+/// Returns the distance from a pixel to the rim of the picture in a direction, px.
 fn distance_to_rim_px(from: Pixel, turn: f64, (right, low): (f64, f64)) -> f64 {
     let reach = |at: f64, along: f64, end: f64| match along {
         along if along > 1e-9 => (end - at) / along,
@@ -95,7 +95,7 @@ fn distance_to_rim_px(from: Pixel, turn: f64, (right, low): (f64, f64)) -> f64 {
     reach(from.u, turn.cos(), right).min(reach(from.v, turn.sin(), low)).max(0.0)
 }
 
-/// Returns P, the derivative of a board's pose with respect to the lens.
+/// Returns the matrix P, the derivative of the board pose with respect to the lens.
 fn pose_jacobian(camera: &PinholeCamera, pixels: &[Pixel]) -> Option<SMatrix<f64, 6, 9>> {
     let (mut pose, mut cross) = (Matrix6::zeros(), SMatrix::<f64, 6, 9>::zeros());
     for pixel in pixels.iter().step_by(pixels.len().div_ceil(MAX_POSE_CORNERS).max(1)) {
@@ -132,23 +132,23 @@ fn error_px(
 /// A recommended next picture.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NextPicture {
-    /// Position and tilt of the board in the picture, as text.
+    /// Position and tilt of the board in the picture, as text for a person.
     pub description: String,
-    /// The middle of the board, px.
+    /// The centre of the board, px.
     pub centre: Pixel,
-    /// The lens's error after this picture, as a share of the error before it.
+    /// The lens error after this picture, as a fraction of the error before it.
     pub error_share: f64,
 }
 
 const COLUMNS: [(f64, &str); 3] = [(0.25, "left"), (0.5, ""), (0.75, "right")];
 const ROWS: [(f64, &str); 3] = [(0.27, "upper"), (0.5, ""), (0.73, "lower")];
 const TILT_DEG: f64 = 35.0;
-/// Maximum share of the error that may remain after a picture; if more remains, the picture is not worth taking.
+/// Maximum fraction of the error that may remain after a useful picture.
 const MAX_REMAINING_SHARE: f64 = 0.98;
-/// Widths of the board as shares of the picture's width, the largest first.
+/// Widths of the board as fractions of the picture's width, the largest first.
 const BOARD_WIDTH_SHARES: [f64; 4] = [0.8, 0.6, 0.45, 0.3];
 
-/// Returns the best next picture; `information` is that of corners and prior on the lens together.
+/// Returns the best next picture; `information` is the sum of the information of corners and prior about the lens.
 pub(super) fn best_next_picture(
     camera: &PinholeCamera,
     board: &Board,
@@ -207,7 +207,7 @@ fn candidate_tilts() -> [(UnitQuaternion<f64>, &'static str); 5] {
     ]
 }
 
-/// Returns the pose at which the board's middle lies on the ray through this position in the picture.
+/// Returns the pose at which the centre of the board is on the ray through this position in the picture.
 fn candidate_pose(
     camera: &PinholeCamera,
     board: &Board,

@@ -1,11 +1,11 @@
 //! Refines corners that were found to about a pixel, to sub-pixel accuracy.
 //!
-//! `cornerSubPix` moves each corner to the intersection of the grey gradients around it, and `saddle` fits a model of
-//! the grey levels, which is several times as precise. The window of ± N px must contain only one corner and enough
-//! edge: by default N is 0.35 of the shortest distance between neighbours, 3 to 11. If N is given, the corners are
-//! those of `cornerSubPix`, as OpenCV's users know them.
+//! `cornerSubPix` moves each corner to the intersection of the grey gradients around it; `saddle` fits a model of the
+//! grey levels, which is several times as precise. The window of ± N px must contain only one corner and enough edge:
+//! by default N is 0.35 of the shortest distance between neighbours, 3 to 11. If N is given, the corners are those of
+//! `cornerSubPix`, as users of OpenCV know them.
 //!
-//! All corners of a board lie on a smooth surface in a picture. In poor pictures the position of a corner is averaged
+//! All corners of a board are on a smooth surface in a picture. In poor pictures the position of a corner is averaged
 //! with its position on this surface, weighted by the uncertainties of both.
 
 use super::board::{Board, Corners};
@@ -18,21 +18,21 @@ use panelprep_base::geometry::{Board as BoardFrame, GrayPicture, Pixel, Point, m
 use panelprep_cell::imaging::ImagingError;
 use std::collections::BTreeMap;
 
-/// Corners and the window that refined them.
+/// Detected corners and the window that refined them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DetectedCorners {
     /// The corners.
     pub corners: Corners,
-    /// Half the window's side, px.
+    /// Half side of the window, px.
     pub half_window_px: usize,
-    /// The number of corners that the model of the grey levels located; the others come from `cornerSubPix`.
+    /// Number of corners that the model of the grey levels located; the others come from `cornerSubPix`.
     pub modelled_count: usize,
 }
 
 const WINDOW_SHARE: f64 = 0.35;
 const WINDOW_LIMITS_PX: (f64, f64) = (3.0, 11.0);
 
-/// Refines the approximate corners of a board by `cornerSubPix`.
+/// Refines the approximate corners of a board with `cornerSubPix`.
 pub(super) fn refine_subpix(
     picture: &GrayPicture,
     rough: &Corners,
@@ -51,10 +51,10 @@ pub(super) fn refine_subpix(
     })
 }
 
-/// Locates every corner that has neighbours by the model of the grey levels. If the model does not fit, or its position
-/// is not accurate, the print is searched for near the position that the other corners predict. The less accurate a
-/// corner is because of noise, the more it is moved towards the smooth surface through all corners. A corner that is
-/// still not accurate enough is left out.
+/// Locates every corner that has neighbours with the model of the grey levels. If the model does not match, or its
+/// position is not accurate, the print is searched near the position that the other corners predict. The less accurate
+/// a corner is because of noise, the more it is moved towards the smooth surface through all corners. A corner that is
+/// still not accurate enough is excluded.
 pub(super) fn refine_with_model(
     picture: &GrayPicture,
     board: &Board,
@@ -67,7 +67,7 @@ pub(super) fn refine_with_model(
     let mut placed: Vec<Option<CornerEstimate>> =
         found.corners.iter().map(|(q, pixel)| model.predict_corner(*q, *pixel, window_px)).collect();
     let enough = 2 * placed.iter().flatten().count() >= found.corners.len();
-    // If the model locates too few corners, the other corners that were seen are accurate enough as start positions.
+    // If the model locates too few corners, the other detected corners are accurate enough as start positions.
     let begun: Vec<Option<CornerEstimate>> = match enough {
         true => placed.clone(),
         false => found
@@ -123,7 +123,7 @@ pub(super) fn refine_with_model(
 }
 
 /// Returns the corners without comparison, if too few are located: those that the model locates well, or that were
-/// seen.
+/// detected.
 fn accept_individually(
     found: DetectedCorners,
     placed: Vec<Option<CornerEstimate>>,
@@ -155,7 +155,7 @@ impl<'a> Model<'a> {
         Model { picture, noise: noise(picture), neighbours: BoardNeighbours::from_corners(corners, square_mm) }
     }
 
-    /// Returns the position of a corner by the model, from a start position; `None` if the model does not fit.
+    /// Returns the position of a corner by the model, from a start position; `None` if the model does not match.
     fn predict_corner(&self, q: Point<BoardFrame>, start: Pixel, half_window_px: usize) -> Option<CornerEstimate> {
         let edges = [self.edge(q, start, Vector3::x())?, self.edge(q, start, Vector3::y())?];
         let found = saddle::refine(self.picture, start, edges, half_window_px, self.noise)?;
@@ -194,7 +194,7 @@ impl BoardNeighbours {
     }
 }
 
-/// Returns the shortest distance between neighbours, px.
+/// Returns the shortest distance between neighbouring corners, px.
 pub(super) fn shortest_px(corners: &Corners, square_mm: f64) -> f64 {
     let by_place = BoardNeighbours::from_corners(corners, square_mm);
     let next = |q: &Point<BoardFrame>, pixel: &Pixel, step: Vector3<f64>| {
@@ -210,14 +210,14 @@ pub(super) fn shortest_px(corners: &Corners, square_mm: f64) -> f64 {
     corners.iter().map(both).fold(f64::INFINITY, f64::min)
 }
 
-/// A corner is an outlier if its distance from the surface through the others is larger than a limit. The limit is the
-/// larger of this value, px, and `OUTLIER_MEDIANS` times the median distance of all corners.
+/// Minimum limit of the distance of a corner from the surface through the others, px; a corner farther away is an
+/// outlier. The limit is the larger of this value and `OUTLIER_MEDIANS` times the median distance of all corners.
 const MIN_OUTLIER_LIMIT_PX: f64 = 0.4;
 const OUTLIER_MEDIANS: f64 = 5.0;
-/// The limit of a well-located corner is also at least this multiple of the standard deviation of the surface there.
+/// Minimum limit of a well-located corner, as a multiple of the standard deviation of the surface there.
 const OUTLIER_SIGMAS: f64 = 5.0;
-/// The limit of a well-located corner is also at least this value, px: at a board's outer corners the distortion of a
-/// lens may be of a higher degree than the third.
+/// Minimum limit of a well-located corner, px: at the outer corners of a board the distortion of a lens may be of a
+/// higher degree than the third.
 const MIN_WELL_LOCATED_LIMIT_PX: f64 = 0.9;
 /// Maximum standard deviation of a corner that is accepted on its own, px.
 const MAX_SINGLE_STD_PX: f64 = 0.2;
@@ -228,39 +228,39 @@ const MAX_COMBINED_STD_PX: f64 = 0.17;
 /// Maximum standard deviation of a corner that the model alone locates well enough, px. A corner with a larger one is
 /// also located by its print.
 const MAX_WELL_LOCATED_STD_PX: f64 = 0.08;
-/// The extent of the print that is examined around a corner, in squares; in the picture it is at most
-/// `MAX_PRINT_REACH_PX`, px.
+/// Extent of the print that is examined around a corner, in squares; in the picture it is at most `MAX_PRINT_REACH_PX`,
+/// px.
 pub(super) const PRINT_REACH_SQUARES: f64 = 0.5;
 pub(super) const MAX_PRINT_REACH_PX: f64 = 16.0;
-/// Tolerance between a start position and its prediction, px.
+/// Maximum distance between a start position and its prediction, px.
 pub(super) const START_TOLERANCE_PX: f64 = 1.5;
-/// The number of corners at which the blur is estimated.
+/// Number of corners at which the blur is estimated.
 pub(super) const BLUR_CORNER_COUNT: usize = 6;
-/// The standard deviation of corners from a smooth surface, due to prints and lenses, px.
+/// Standard deviation of corners from a smooth surface, due to prints and lenses, px.
 const SURFACE_STD_PX: f64 = 0.05;
-/// A corner lies at the edge of a glare if it has lost more than this fraction of the contrast of the corners within
+/// Minimum lost fraction of the contrast of a corner at the edge of a glare, relative to the corners within
 /// `CONTRAST_RADIUS_SQUARES` squares. The edge displaces the corner: by `LOST_CONTRAST_SHIFT_PX` if the whole contrast
 /// is lost.
 const MIN_LOST_CONTRAST: f64 = 0.15;
 const CONTRAST_RADIUS_SQUARES: f64 = 2.6;
 const LOST_CONTRAST_SHIFT_PX: f64 = 1.5;
-/// Maximum change of the light within the window, as a fraction of the contrast. A larger change also shows the edge of
-/// a glare; it displaces the corner by `GRADIENT_SHIFT_PX` times the excess.
+/// Maximum change of the light within the window, as a fraction of the contrast. A larger change is also a sign of the
+/// edge of a glare; it displaces the corner by `GRADIENT_SHIFT_PX` times the excess.
 const MAX_LIGHT_GRADIENT: f64 = 0.1;
 const GRADIENT_SHIFT_PX: f64 = 1.0;
-/// The model's usual residual in addition to the noise, as a share of the half contrast. With a larger residual the
+/// Usual residual of the model in addition to the noise, as a fraction of the half contrast. With a larger residual the
 /// position of the corner is less certain.
 const TYPICAL_RESIDUAL: f64 = 0.06;
-/// The additional uncertainty for a residual equal to the whole half contrast, px.
+/// Additional uncertainty for a residual equal to the whole half contrast, px.
 const RESIDUAL_UNCERTAINTY_PX: f64 = 2.0;
 
-/// A corner as the model or its print locates it.
+/// A corner, located by the model or by its print.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct CornerEstimate {
     pub pixel: Pixel,
-    /// The standard deviation of the position along each axis, from noise and the model's residual, px.
+    /// Standard deviation of the position along each axis, from noise and the residual of the model, px.
     pub deviation_px: f64,
-    /// White minus black there, grey levels; 0 if the contrast is not determined.
+    /// Difference of the grey levels of white and black at the corner; 0 if the contrast is not determined.
     pub contrast: f64,
 }
 
@@ -282,8 +282,8 @@ impl CornerEstimate {
     }
 }
 
-/// Returns the standard deviation of a position from its deviation due to noise, the model's residual as a fraction of
-/// the half contrast, and the change of the light.
+/// Returns the standard deviation of a position, from its deviation due to noise, the residual of the model as a
+/// fraction of the half contrast, and the change of the light.
 fn combined_std_px(deviation_px: f64, left: f64, slant: f64) -> f64 {
     let of_model_px = RESIDUAL_UNCERTAINTY_PX * (left - TYPICAL_RESIDUAL).max(0.0);
     deviation_px.hypot(of_model_px).hypot(GRADIENT_SHIFT_PX * (slant - MAX_LIGHT_GRADIENT).max(0.0))
@@ -296,16 +296,16 @@ pub(super) struct Surface {
     reach_mm: f64,
     plane: Matrix3<f64>,
     coefficients: SMatrix<f64, TERMS, 2>,
-    /// The median distance of the corners from the surface, px.
+    /// Median distance of the corners from the surface, px.
     usual_px: f64,
-    /// The standard deviation of the corners from the surface along each axis for reasons other than noise, px.
+    /// Standard deviation of the corners from the surface along each axis for reasons other than noise, px.
     rough_px: f64,
-    /// The covariance of the surface itself, for the terms of the polynomial, px².
+    /// Covariance of the surface for the terms of the polynomial, px².
     spread: SMatrix<f64, TERMS, TERMS>,
 }
 
 const TERMS: usize = 10;
-/// The displacement that a lens causes at a distance of one picture width from the middle, in picture widths.
+/// Displacement by a lens at a distance of one picture width from the centre, in picture widths.
 const LENS_DISPLACEMENT: f64 = 0.5;
 
 impl Surface {
@@ -334,7 +334,7 @@ impl Surface {
         let trust: Vec<f64> =
             deviations_px.iter().map(|noise_px| 1.0 / (SURFACE_STD_PX.powi(2) + noise_px.powi(2))).collect();
         // The lens displaces the corners of a small board less: the usual size of the terms of third degree follows
-        // from the board's size in the picture.
+        // from the size of the board in the picture.
         let reach_px = places.iter().zip(&pixels).map(|(_, p)| p.distance_px(pixels[0])).fold(0.0, f64::max) / 2.0;
         let cubic_px = LENS_DISPLACEMENT * reach_px.powi(3) / (width_px * width_px) + 0.01;
         let mut usual = SMatrix::<f64, TERMS, TERMS>::identity() * 1e-6;
@@ -359,15 +359,15 @@ impl Surface {
             let far = |apart: &f64| (1.0 + (apart / (3.0 * usual)).powi(2)).powi(-2);
             weights = apart.iter().zip(&trust).map(|(apart, trust)| trust * far(apart)).collect();
         }
-        // Half of a normal distribution in two dimensions lies within 1.18 times the standard deviation along one axis.
+        // Half of a normal distribution in two dimensions is within 1.18 times the standard deviation along one axis.
         let noise_px = median(&mut deviations_px.to_vec())?;
         surface.rough_px =
             ((surface.usual_px / 1.18).powi(2) - noise_px.powi(2)).max(SURFACE_STD_PX.powi(2)).sqrt();
         Some(surface)
     }
 
-    /// Returns the limit of the distance of this corner from the surface, px; a corner that is farther away is an
-    /// outlier. The limit is larger for a corner with an uncertain position, which has a smaller weight.
+    /// Returns the maximum distance of this corner from the surface, px; a corner farther away is an outlier. The limit
+    /// is larger for a corner with an uncertain position, which has a smaller weight.
     pub fn limit_px(&self, q: Point<BoardFrame>, placed: &CornerEstimate) -> f64 {
         let is_well = placed.deviation_px < MAX_WELL_LOCATED_STD_PX;
         let own_px =
@@ -382,7 +382,7 @@ impl Surface {
         (terms.transpose() * self.spread * terms)[(0, 0)]
     }
 
-    /// Returns the mean of a corner's own position and its position on the surface, weighted by their inverse
+    /// Returns the mean of the position of a corner and its position on the surface, weighted by their inverse
     /// variances; `None` if the result is not accurate enough.
     pub fn blend_with_surface(&self, q: Point<BoardFrame>, placed: CornerEstimate) -> Option<Pixel> {
         let there = self.pixel_at(q);
@@ -453,7 +453,7 @@ fn polynomial_terms(place: &Vector2<f64>) -> SVector<f64, TERMS> {
     SVector::from([1.0, x, y, x * x, x * y, y * y, x * x * x, x * x * y, x * y * y, y * y * y])
 }
 
-/// Returns the surface through those corners that are located.
+/// Returns the surface through the located corners.
 pub(super) fn fit_surface(
     corners: &Corners,
     placed: &[Option<CornerEstimate>],

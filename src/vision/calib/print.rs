@@ -1,13 +1,12 @@
-//! Locates a corner of a board by all of the print around it: for poor pictures, in which the corner alone is not
-//! well determined.
+//! Locates a corner of a board by all of the print around it, for poor pictures in which the corner alone is not well
+//! determined.
 //!
-//! The print is known, and the rest of the board gives its rotation and tilt. The print around the corner is
-//! rendered as the camera would see it, p(x), with the picture's blur. The grey levels are
+//! The print is known, and the rest of the board gives its rotation and tilt. The print around the corner is rendered
+//! as the camera would see it, p(x), with the blur of the picture. The grey levels are
 //!     g(x) = m + l · x + x · q x + a · p(x − d),                                                                (1)
 //! with mean m, a light gradient l and q, contrast a and the unknown shift d. With p(x − d) ≈ p(x) − ∇p · d this is
-//! linear in m, l, q, a and a d; the print is rendered again at the position that was found. Pixels that show
-//! something else, such as a glare, are down-weighted. The rims of markers and circles contribute as well as the
-//! corners.
+//! linear in m, l, q, a and a d; the print is rendered again at the estimated position. Pixels that show something
+//! else, such as a glare, are down-weighted. The rims of markers and circles contribute as well as the corners.
 
 use super::board::Board;
 use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3};
@@ -23,7 +22,7 @@ pub(super) struct Print {
 
 enum PrintKind {
     Squares,
-    /// The cells of the markers, by the number of their square, and the ratio of the marker's side to the square's
+    /// The cells of the markers, by the position of their square, and the ratio of the marker's side to the square's
     /// side.
     Markers {
         cells: Vec<Option<Vec<bool>>>,
@@ -37,49 +36,48 @@ enum PrintKind {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct PrintMatch {
     pub pixel: Pixel,
-    /// The standard deviation of the position along each axis, from noise and residuals, px.
+    /// Standard deviation of the position along each axis, from noise and residuals, px.
     pub deviation_px: f64,
-    /// White minus black, grey levels.
+    /// Difference of the grey levels of white and black.
     pub contrast: f64,
-    /// The residual of the grey levels after the fit of the print, rms.
+    /// Residual of the grey levels after the fit of the print, rms.
     pub residual: f64,
-    /// The change of the light from the position to the side of the window, as a share of the contrast.
+    /// Change of the light from the position to the side of the window, as a fraction of the contrast.
     pub light_gradient: f64,
 }
 
 /// Parameters of the search for the print around a position.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct MatchWindow {
-    /// The homography from the board, mm, to the picture near the position.
+    /// Homography from the board, mm, to the picture near the position.
     pub plane: Matrix3<f64>,
-    /// The position on the board, mm.
+    /// Position on the board, mm.
     pub place: [f64; 2],
     /// The pixel at which the search starts.
     pub start: Pixel,
-    /// Half the side of the window on the board, mm; `most_px` is its maximum in the picture, px.
+    /// Half side of the window on the board, mm; `most_px` is its maximum in the picture, px.
     pub reach_mm: f64,
     pub most_px: f64,
-    /// The standard deviation of the picture's blur, px.
+    /// Standard deviation of the blur of the picture, px.
     pub blur_px: f64,
 }
 
 const UNKNOWNS: usize = 9;
 /// Standard deviations of the blur that are tried, px.
 const BLURS_PX: [f64; 6] = [0.3, 0.7, 1.2, 1.7, 2.3, 3.0];
-/// Maximum number of times that the print is rendered. The rendering ends earlier if the displacement is below
-/// `CONVERGENCE_PX`.
+/// Maximum number of renderings of the print. The loop ends earlier if the displacement is below `CONVERGENCE_PX`.
 const MAX_RENDERINGS: usize = 5;
 const CONVERGENCE_PX: f64 = 0.03;
 /// Number of iterations that reduce the weights of pixels with large residuals.
 const REWEIGHTING_STEPS: usize = 4;
-/// Minimum share of the window's pixels that must show the print.
+/// Minimum fraction of the pixels of the window that must show the print.
 const MIN_PRINT_SHARE: f64 = 0.4;
 /// Minimum contrast of a print, grey levels.
 const MIN_CONTRAST: f64 = 8.0;
-/// The residual that is always expected at the edges of a print, because it differs slightly from its nominal geometry,
-/// as a share of the contrast.
+/// Minimum expected residual at the edges of a print, because it differs slightly from its nominal geometry, as a
+/// fraction of the contrast.
 const MIN_RESIDUAL_SHARE: f64 = 0.06;
-/// Maximum residual as a share of the contrast, in addition to the noise.
+/// Maximum residual in addition to the noise, as a fraction of the contrast.
 const MAX_RESIDUAL_SHARE: f64 = 0.2;
 
 impl Print {
@@ -109,7 +107,7 @@ impl Print {
         }
     }
 
-    /// Returns the print's colour around a position on the board, black 0, white 1.
+    /// Returns the colour of the print around a position on the board, black 0, white 1.
     fn colour_at(&self, [x, y]: [f64; 2], place: [f64; 2]) -> f32 {
         if let PrintKind::Circles(radius_mm) = self.kind {
             return if (x - place[0]).hypot(y - place[1]) < radius_mm { 0.0 } else { 1.0 };
@@ -128,7 +126,8 @@ impl Print {
         if is_black { 0.0 } else { 1.0 }
     }
 
-    /// Finds the print near the start position, in a picture with this rms of white noise; `None` if it is not found.
+    /// Finds the print near the start position, in a picture with this rms of white noise; `None` if the print is not
+    /// found.
     pub fn match_near(&self, picture: &GrayPicture, view: &MatchWindow, noise: f64) -> Option<PrintMatch> {
         let mut view = *view;
         let first = view.start;
@@ -147,13 +146,14 @@ impl Print {
         None
     }
 
-    /// Returns the blur at which the print is most similar to the picture at these positions, px.
+    /// Returns the blur at which the rendered print is most similar to the picture at these positions, px.
     pub fn blur_px(&self, picture: &GrayPicture, views: &[MatchWindow], noise: f64) -> f64 {
         let of = |blur_px: f64| (blur_px, self.match_statistics(picture, views, (blur_px, noise)));
         best_candidate(BLURS_PX.map(of)).unwrap_or(BLURS_PX[1])
     }
 
-    /// Returns the number of positions at which the print is found, and its mean residual as a share of the contrast.
+    /// Returns the number of positions at which the print is found, and its mean residual as a fraction of the
+    /// contrast.
     pub fn match_statistics(
         &self,
         picture: &GrayPicture,
@@ -166,7 +166,7 @@ impl Print {
         (left.len(), left.iter().sum::<f64>() / left.len().max(1) as f64)
     }
 
-    /// Returns the grey levels of the picture and of the print in the window.
+    /// Returns the grey levels of the picture and of the rendered print in the window.
     fn render_window(&self, picture: &GrayPicture, view: &MatchWindow) -> Option<RenderedWindow> {
         let inverse = view.plane.try_inverse()?;
         let there = view.plane * Vector3::new(view.place[0], view.place[1], 1.0);
@@ -239,7 +239,7 @@ pub(super) fn best_candidate<const N: usize>(tried: [(f64, (usize, f64)); N]) ->
     all.min_by(|a, b| a.1.1.total_cmp(&b.1.1)).map(|(tried, _)| tried)
 }
 
-/// A pixel and the print's value there.
+/// A pixel of the window, with the value of the rendered print.
 struct PrintSample {
     offset: Vector2<f64>,
     gray: f64,
@@ -280,7 +280,7 @@ fn fit_print(drawn: &RenderedWindow, noise: f64) -> Option<PrintMatch> {
     }
     let (found, factor, left, scale) = last?;
     let near: Vec<f64> = left.iter().copied().filter(|left| left.abs() < scale).collect();
-    // Only the edges of the print count: if a glare hides half of them, the position is not accepted.
+    // Only the edges of the print are evaluated: if a glare hides half of them, the position is not accepted.
     let edges = |limit: f64| {
         let seen = drawn.pixels.iter().zip(&left).filter(|(_, left)| left.abs() < limit);
         seen.map(|(seen, _)| seen.slope.norm_squared()).sum::<f64>()
@@ -299,7 +299,7 @@ fn fit_print(drawn: &RenderedWindow, noise: f64) -> Option<PrintMatch> {
     Some(PrintMatch { pixel: at, deviation_px, contrast, residual: rms, light_gradient: slant })
 }
 
-/// Blurs with a Gaussian of this standard deviation.
+/// Blurs with a Gaussian of this standard deviation, px.
 fn gaussian_blur(from: &[f32], side: usize, sigma_px: f64) -> Vec<f32> {
     if sigma_px < 0.2 {
         return from.to_vec();

@@ -1,18 +1,18 @@
 //! The 95 % radius of an error: quantiles for covariances that were estimated from few residuals, and from residuals
 //! that are not independent.
 //!
-//! The errors of an arm that was not calibrated are similar in similar poses, so that several neighbouring poses count
-//! as one. `adjust` regards the deviation eᵢ of each pose as independent. If poses i and j at a distance d_ij have
-//! errors with the correlation
+//! The errors of an arm that was not calibrated are similar in similar poses, so that several neighbouring poses have
+//! the weight of one. `adjust` treats the deviation eᵢ of each pose as independent. If poses i and j at a distance d_ij
+//! have errors with the correlation
 //!     ρ_ij = (1 − ν) exp(−d_ij² / 2 L²) + ν [i = j],                                                        (1)
-//! the n poses determine a mount only as well as n / m independent ones,
+//! the n poses determine a mount only as well as n / m independent poses, with
 //!     m = Σᵢⱼ ρ_ij / n,                                                                                      (2)
-//! the design effect of correlated samples (Kish, Survey Sampling, 1965). L is the length at which the deviations have
-//! the largest likelihood; each of their six components has its own variance. L = 0 means that they are independent;
-//! another length is used only if its likelihood is clearly larger.
+//! the design effect of correlated samples (Kish, Survey Sampling, 1965). L is the correlation length at which the
+//! deviations have the largest likelihood; each of their six components has its own variance. L = 0 means that they are
+//! independent; another length is used only if its likelihood is clearly larger.
 //!
-//! The correlation shows only what differs between the poses. An error that is the same for all of them, for example
-//! the zero of axis 1, moves the mount with the arm's own coordinates. It does not matter for poses that are
+//! The correlation shows only what differs between the poses. An error that is the same for all of them, for example of
+//! the zero of axis 1, moves the mount in the coordinates of the arm. This error does not matter for poses that are
 //! commanded in these coordinates, and `calibrate touch` measures what remains.
 
 use super::chain::Twist;
@@ -22,26 +22,27 @@ use statrs::distribution::{ContinuousCDF, FisherSnedecor, StudentsT};
 
 /// Returns the quantile of the F distribution with these degrees of freedom at this probability.
 ///
-/// Degrees below 1 count as 1: with so little redundancy any statement is a guess, and this is the widest one.
+/// Degrees of freedom below 1 are treated as 1: with so little redundancy any statement is a guess, and the quantile
+/// for 1 is the largest.
 pub(super) fn f_quantile(numerator: f64, denominator: f64, probability: f64) -> f64 {
     FisherSnedecor::new(numerator.max(1.0), denominator.clamp(1.0, 1e5))
         .map_or(f64::INFINITY, |f| f.inverse_cdf(probability))
 }
 
-/// Returns the quantile of Student's distribution at this probability. Redundancies below 1 count as 1, as in
+/// Returns the quantile of Student's distribution at this probability. A redundancy below 1 is treated as 1, as in
 /// `f_quantile`.
 pub fn student_quantile(redundancy: f64, probability: f64) -> f64 {
     StudentsT::new(0.0, 1.0, redundancy.clamp(1.0, 1e5)).map_or(f64::INFINITY, |t| t.inverse_cdf(probability))
 }
 
-/// Returns the half width of the 95 % interval in standard errors, for this redundancy.
+/// Returns the half width of the 95 % confidence interval in standard errors, for this redundancy.
 pub fn student_95(redundancy: f64) -> f64 {
     student_quantile(redundancy, 0.975)
 }
 
-/// Returns the radius of the sphere that contains a normally distributed error with 95 % probability. The
-/// covariance, mm², was estimated with `redundancy` degrees of freedom. The sum of three unequal squares is
-/// approximated by one χ² of the same mean and variance (Satterthwaite, Biometrics Bulletin 2, 1946).
+/// Returns the radius of the sphere that contains a normally distributed error with 95 % probability. The covariance,
+/// mm², was estimated with `redundancy` degrees of freedom. The sum of three unequal squares is approximated by one χ²
+/// with the same mean and variance (Satterthwaite, Biometrics Bulletin 2, 1946).
 pub(super) fn radius_95(covariance_mm2: &Matrix3<f64>, redundancy: f64) -> f64 {
     let (trace, square_sum) = (covariance_mm2.trace(), (covariance_mm2 * covariance_mm2).trace());
     if trace <= 0.0 {
@@ -51,21 +52,21 @@ pub(super) fn radius_95(covariance_mm2: &Matrix3<f64>, redundancy: f64) -> f64 {
     (trace * f_quantile(degrees, redundancy, 0.95)).sqrt()
 }
 
-/// A rotation of one radian counts as this distance between poses, mm: an arm's errors change with its axes, which
-/// rotate the flange as well as they move it.
+/// Distance between poses that is equivalent to a rotation of one radian, mm: the errors of an arm change with its
+/// axes, which rotate and move the flange.
 const LEVER_MM: f64 = 300.0;
-/// ν: the share of the variance that is independent from pose to pose, because of repeatability and pictures.
+/// ν: fraction of the variance that is independent from pose to pose, because of repeatability and pictures.
 const INDEPENDENT_VARIANCE_SHARE: f64 = 0.1;
-/// The lengths L that are tried, mm.
+/// The correlation lengths L that are tried, mm.
 const CORRELATION_LENGTHS_MM: [f64; 7] = [30.0, 60.0, 100.0, 150.0, 220.0, 320.0, 450.0];
-/// Minimum increase of the logarithm of the likelihood that shows a correlation. With independent errors, about two of
-/// a hundred calibrations reach it; their bound is then too large.
+/// Minimum increase of the log-likelihood for a correlation. With independent errors, about two of a hundred
+/// calibrations reach it by chance; their uncertainty is then too large.
 const MIN_LIKELIHOOD_GAIN: f64 = 2.0;
-/// Minimum number of poses whose deviations can show a correlation.
+/// Minimum number of poses for the estimate of a correlation.
 const MIN_POSES: usize = 6;
 
-/// Returns m of (2): the number of poses that count as one, at least 1. Each pose is given with its deviation, as its
-/// picture shows it.
+/// Returns m of (2), at least 1: the number of poses that have the weight of one independent pose. Each pose is given
+/// with the deviation that its picture shows.
 pub(super) fn correlated_pose_count(poses: &[(Rigid<Base, Flange>, Twist)]) -> f64 {
     let count = poses.len();
     if count < MIN_POSES {
@@ -95,8 +96,7 @@ fn correlation(distances_mm: &DMatrix<f64>, length_mm: f64) -> DMatrix<f64> {
     alike + DMatrix::identity(distances_mm.nrows(), distances_mm.ncols()) * INDEPENDENT_VARIANCE_SHARE
 }
 
-/// Returns the logarithm of the likelihood of all components, up to a constant. Each component has its most likely
-/// variance.
+/// Returns the log-likelihood of all components, up to a constant. Each component has its most likely variance.
 fn log_likelihood(correlation: &DMatrix<f64>, deviations: &DMatrix<f64>) -> Option<f64> {
     let (count, factor) = (correlation.nrows() as f64, correlation.clone().cholesky()?);
     let log_determinant = 2.0 * factor.l_dirty().diagonal().map(f64::ln).sum();
@@ -115,8 +115,8 @@ mod tests {
     use rand::{RngExt, SeedableRng};
     use rand_pcg::Pcg64;
 
-    /// From tables: the 95 % quantile of χ² with three degrees of freedom is 7.815, that of F(3, 12) is 3.49; with only
-    /// one dimension the value is 1.96.
+    /// Expected values from tables: the 95 % quantile of χ² with three degrees of freedom is 7.815, that of F(3, 12) is
+    /// 3.49; with only one dimension the value is 1.96.
     #[test]
     fn quantiles_and_radii_agree_with_tables() {
         assert!((radius_95(&Matrix3::identity(), 1e5) - 7.815_f64.sqrt()).abs() < 0.003);
@@ -153,7 +153,7 @@ mod tests {
     }
 
     /// Five groups of three poses, 10 mm apart in a group and 1500 mm between groups, with one error for each group:
-    /// nearly three poses count as one, because each pose also has an independent share.
+    /// nearly three poses have the weight of one, because each pose also has an independent part.
     #[test]
     fn groups_of_poses_count_once() {
         let mut random = Pcg64::seed_from_u64(2);
@@ -171,9 +171,9 @@ mod tests {
         assert_eq!(correlated_pose_count(&poses[..5]), 1.0);
     }
 
-    /// Calculated by hand for two poses at a distance L: ρ = 0.9 · e^(−½) = 0.545 88 and det = 1 − ρ² = 0.702 01. The
-    /// deviations (1, 1) have the weighted sum of squares 2 / (1 + ρ) = 1.293 76, so one component has the logarithm −½
-    /// (2 ln 0.646 88 + ln 0.702 01) = 0.612 49.
+    /// Expected value, calculated by hand for two poses at a distance L: ρ = 0.9 · e^(−½) = 0.545 88 and det = 1 − ρ² =
+    /// 0.702 01. The deviations (1, 1) have the weighted sum of squares 2 / (1 + ρ) = 1.293 76, so one component has
+    /// the log-likelihood −½ (2 ln 0.646 88 + ln 0.702 01) = 0.612 49.
     #[test]
     fn the_likelihood_is_that_of_a_normal_distribution() {
         let distances = DMatrix::from_row_slice(2, 2, &[0.0, 100.0, 100.0, 0.0]);

@@ -1,19 +1,19 @@
-//! Finds the probable intended meaning of poses that fit no camera mount.
+//! Finds the probable intended meaning of poses that match no camera mount.
 //!
 //! Programs write a pose in many ways: inverted, with other angles, as a rotation vector, one picture late. Each of
-//! these interpretations is applied to all poses, and the closed-form mount of `adjust` is tried with it. With the
-//! right interpretation the residual is tenths of a millimetre, with any other one centimetres, so that the one that
-//! fits can be reported. The file is not changed: a person must correct it.
+//! these interpretations is applied to all poses, and the closed-form mount of `adjust` is calculated with it. With the
+//! right interpretation the residual is tenths of a millimetre, with any other one centimetres, so that the matching
+//! one can be reported. The file is not changed: a person must correct it.
 //!
-//! Some mistakes have the same effect and are reported together. A mount of the other kind has the same equations as
+//! Some errors have the same effect and are reported together. A mount of the other kind has the same equations as
 //! inverted poses. Left-handed axes are a point reflection up to a rotation of base and flange: each position is
-//! negated. Poses in a base frame or of a tool fit as well as correct ones: only the rough mount of the cell's file
-//! shows this mistake.
+//! negated. Poses in a base frame or of a tool match as well as correct ones: only the rough mount of the cell's file
+//! shows this error.
 //!
 //! If the ratio k of robot to board lengths is an unknown, the linear part of the closed form also determines k. For
 //! stations i, j
 //!     (Hᵢ − Hⱼ) x + k (Hᵢ X bᵢ − Hⱼ X bⱼ) = hⱼ − hᵢ,                                                            (1)
-//! with the moved part (H, h) of the chain, the mount (X, x) and the board's position b.
+//! with the moving factor (H, h) of the chain, the mount (X, x) and the position b of the board.
 
 use super::adjust::{MIN_START_ROTATION_RAD, index_triples, second_axis_deg};
 use super::board::Board;
@@ -27,16 +27,15 @@ use rayon::prelude::*;
 
 /// Maximum number of triples of stations that are tried for each interpretation.
 const MAX_TRIPLES: usize = 120;
-/// Maximum residual of an interpretation that fits, mm.
+/// Maximum residual of a matching interpretation, mm.
 const MAX_FIT_RESIDUAL_MM: f64 = 5.0;
-/// Maximum ratio of the residual of an interpretation to that of the poses as written; one with a larger ratio is not
-/// reported.
+/// Maximum ratio of the residual of a matching interpretation to that of the poses as written.
 const MAX_ERROR_RATIO: f64 = 0.2;
-/// Interpretations whose residual is below this multiple of the smallest one are reported together with the best.
+/// Maximum ratio of the residual of an interpretation to the smallest one, for both to be reported together.
 const MAX_RATIO_TO_BEST: f64 = 3.0;
 
-/// Returns the interpretations with which these stations fit, the best first; none if they fit as they are written, or
-/// with no interpretation.
+/// Returns the interpretations that match these stations, the best first; empty if the poses match as written, or if no
+/// interpretation matches.
 pub(super) fn fitting_readings<A: Arrangement>(
     camera: &PinholeCamera,
     board: &Board,
@@ -67,8 +66,7 @@ pub(super) fn fitting_readings<A: Arrangement>(
     if let Some((_, found)) =
         tried.iter().find(|(meaning, _)| matches!(meaning, PoseInterpretation::Inverted { .. }))
     {
-        // The flange carries either the camera or the board, at a distance within reach of a hand; the other is fixed
-        // in the cell.
+        // The flange carries either the camera or the board at a small distance; the other one is fixed in the cell.
         let camera_nearer = found.mount.translation.vector.norm() < found.board.translation.vector.norm();
         let other_mount = camera_nearer != A::EYE_IN_HAND;
         if let Some((meaning, _)) =
@@ -95,8 +93,8 @@ pub(super) fn fitting_readings<A: Arrangement>(
     matching_readings(as_read.median_mm, &tried)
 }
 
-/// Returns the interpretations with which the poses keep the tool's tip at one spot, the best first; none if the poses
-/// fit as they are written, or with no interpretation.
+/// Returns the interpretations with which the poses keep the tip of the tool at one point, the best first; empty if the
+/// poses match as written, or if no interpretation matches.
 pub fn tip_readings(poses: &[Rigid<Base, Flange>]) -> Vec<PoseReading> {
     let rms_mm = |poses: &[Rigid<Base, Flange>]| Some(tool_point(poses).ok()?.rms_mm);
     let read = |way: &PoseTransform| -> Vec<Rigid<Base, Flange>> {
@@ -110,7 +108,7 @@ pub fn tip_readings(poses: &[Rigid<Base, Flange>]) -> Vec<PoseReading> {
     matching_readings(as_read_mm, &tried)
 }
 
-/// Returns those of the tried interpretations that fit, each with its residual, mm.
+/// Returns the matching interpretations of those that were tried, each with its residual, mm.
 fn matching_readings(as_read_mm: f64, tried: &[(PoseInterpretation, f64)]) -> Vec<PoseReading> {
     let best = tried.iter().map(|(_, left_mm)| *left_mm).fold(f64::INFINITY, f64::min);
     if !(best <= MAX_FIT_RESIDUAL_MM && best <= MAX_ERROR_RATIO * as_read_mm) {
@@ -242,7 +240,7 @@ fn angle_convention_change(turn: fn([f64; 3]) -> UnitQuaternion<f64>) -> PoseTra
     })
 }
 
-/// Returns the boards' poses for pictures that are mirrored left to right; `None` for points of a 3D camera, or if a
+/// Returns the board poses for pictures that are mirrored left to right; `None` for points of a 3D camera, or if a
 /// picture gives no pose.
 fn mirrored_board_poses<C: panelprep_base::geometry::Frame>(
     camera: &PinholeCamera,
@@ -270,8 +268,8 @@ struct ClosedForm {
     board: Isometry3<f64>,
 }
 
-/// Returns the mount from the three stations that agrees best with all stations; with `free`, the lengths of board and
-/// robot may differ by a factor.
+/// Returns the closed-form mount from three stations that agrees best with all stations; with `free`, the lengths of
+/// board and robot may differ by a factor.
 fn closed_form(
     holder_from_to: &[Isometry3<f64>],
     camera_from_board: &[Isometry3<f64>],
@@ -318,7 +316,7 @@ fn medoid(boards: &[Isometry3<f64>], rim: &[Point3<f64>]) -> Option<(Isometry3<f
     boards.iter().enumerate().filter_map(of).min_by(|one, other| one.1.total_cmp(&other.1))
 }
 
-/// Returns the factor k and the mount by (1); the rotation does not change.
+/// Returns the factor k and the mount by (1); the rotation of the mount does not change.
 fn scaled_mount(
     moved: &[Isometry3<f64>; 3],
     seen: &[Isometry3<f64>; 3],

@@ -13,10 +13,10 @@ use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use panelprep_base::geometry::{Base, Panel, Point, Rigid, fit_rigid_motion, median};
 use rayon::prelude::*;
 
-/// The number of points for which one task searches the closest points. It is fixed, so that partial sums are the same
-/// for any number of threads.
+/// Number of points for which one task searches the closest points. The number is fixed, so that partial sums are the
+/// same for any number of threads.
 const CHUNK_SIZE: usize = 512;
-/// Pairs with a distance above this multiple of the median distance are left out.
+/// Maximum distance of a pair, as a multiple of the median distance; other pairs are excluded.
 const MAX_PAIR_MEDIANS: f64 = 3.0;
 
 /// A search tree for nearest neighbours among points of the base frame.
