@@ -1,18 +1,18 @@
-//! Estimates the arm's own errors from pictures of boards and from touches, together with camera mounts, boards and
+//! Estimates the errors of an arm from pictures of boards and from touches, together with camera mounts, boards and
 //! tool tip.
 //!
 //! The unknowns are the arm's parameters p (of `arm_errors`, or of a smooth correction if no axis angles are known),
-//! the mount and the board of each rig, the tip and the spots that it touched. A picture gives the pose of the board
-//! in the camera's frame. With the residual twists r of pictures and the residual vectors of touches, each divided by
-//! its standard deviation,
+//! the mount and the board of each rig, the tip and the spots that it touched. A picture gives the pose of the board in
+//! the camera frame. The sum to be minimised is
 //!     Σ r² + Σ (p / usual size)²                                                                                  (1)
-//! is minimised. The second sum is prior knowledge of any arm: a parameter that the data do not determine keeps its
-//! nominal value. The ratio of its standard deviation after the estimate to that before states how well it is
+//! with the residuals r, each divided by its standard deviation: residual twists of pictures, and residual vectors of
+//! touches. The second sum is prior knowledge of any arm: a parameter that the data do not determine keeps its nominal
+//! value. The ratio of its standard deviation after the estimate to that before states how well the parameter is
 //! determined. The scatter is estimated from the residuals, and the size of the prior from the arm's parameters.
 //!
 //! The result is judged by cross-validation on pictures that were left out, with and without p. It states the
-//! uncertainty of the corrected arm anywhere in its volume. Wrong axis angles in the file are detected first: two are
-//! exchanged, one has a wrong sign, or they are those of another arm.
+//! uncertainty of the corrected arm anywhere in its volume. Wrong axis angles in the file are detected first: two axes
+//! are exchanged, one axis has the wrong sign, or the angles are those of another arm.
 
 use super::adjust::scaled_inverse;
 use super::arm_errors;
@@ -26,14 +26,14 @@ use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, Vector3};
 use panelprep_base::geometry::{Base, Flange, Joints, Point, Rigid};
 use panelprep_base::number_text::distinguishable_texts;
 
-/// Minimum number of pictures from which an arm is estimated.
+/// Minimum number of pictures from which the errors of an arm are estimated.
 pub const MIN_VIEWS: usize = 12;
-/// Number of times that the size of the arm's parameters is estimated.
+/// Number of iterations in which the size of the arm's parameters is estimated.
 const SCALE_ITERATIONS: usize = 3;
-/// The number of groups in which pictures are left out.
+/// Number of groups for the cross-validation; one group of pictures at a time is left out.
 const GROUPS: usize = 5;
 
-/// Returns the initial correction: geometry if every pose has its axis angles, else smooth over the measured
+/// Returns the initial correction: geometric if every pose has its axis angles, otherwise smooth over the measured
 /// volume.
 fn initial_correction(data: &RobotData) -> Correction {
     let poses = || data.views.iter().map(|view| &view.pose).chain(data.touches.iter().map(|touch| &touch.pose));
@@ -50,11 +50,11 @@ fn initial_correction(data: &RobotData) -> Correction {
     }
 }
 
-/// Estimates the arm's errors.
+/// Estimates the errors of the arm.
 ///
 /// # Errors
-/// If there are too few pictures, axis angles contradict the pictures or the controller's poses, touches do not
-/// determine the tip, or the iteration does not converge.
+/// If there are too few pictures, the axis angles contradict the pictures or the poses of the controller, the touches
+/// do not determine the tip, or the iteration does not converge.
 pub fn calibrate(data: &RobotData) -> Result<RobotFound, CalibError> {
     let unsettled = || CalibError::NotSettled { what: "the adjustment of the arm" };
     if data.views.len() < MIN_VIEWS {
@@ -82,12 +82,13 @@ pub fn calibrate(data: &RobotData) -> Result<RobotFound, CalibError> {
         tip: Vector3::new(0.0, 0.0, 100.0),
         spots: (0..spots).map(|spot| first_touch(data, spot)).collect(),
     };
-    // The first minimisation is without a correction: it gives the start values, and the residuals with which the
-    // corrected ones are compared to prove that the correction helps.
+    // The first minimisation is without a correction: it gives the start values, and the residuals for the comparison
+    // that shows whether the correction helps.
     let plain = levenberg_marquardt(start, &views, &data.touches).ok_or_else(unsettled)?;
     let free = State { corrects: true, ..plain.state.clone() };
     let mut full = levenberg_marquardt(free, &views, &data.touches).ok_or_else(unsettled)?;
-    // The size of this arm's errors is not known beforehand; a prior for a good arm would hide the errors of a bad one.
+    // The size of the errors of this arm is not known beforehand; a prior for a good arm would hide the errors of a bad
+    // one.
     for _ in 0..SCALE_ITERATIONS {
         let resized = State { size: full.size(), ..full.state };
         full = levenberg_marquardt(resized, &views, &data.touches).ok_or_else(unsettled)?;
@@ -120,7 +121,7 @@ pub fn calibrate(data: &RobotData) -> Result<RobotFound, CalibError> {
     })
 }
 
-/// Returns what is wrong with the touches: a target that cannot be touched, or touches that do not determine the tip.
+/// Returns the problem of the touches: a target that cannot be touched, or touches that do not determine the tip.
 fn touch_problem(data: &RobotData) -> Option<String> {
     let is_other = |touch: &&ArmTouch| match touch.target {
         TouchTarget::Spot(_) => false,
@@ -175,11 +176,11 @@ fn scatter_mm(full: &ConvergedState, data: &RobotData, left_out: &[LeftOutError]
         square += (turn * off).xy().norm_squared() - expected[(0, 0)] - expected[(1, 1)];
         count += 2.0;
     }
-    // The repeatability in a robot's data sheet is three standard deviations.
+    // The repeatability in the data sheet of a robot is three standard deviations.
     Some((square / f64::max(count, 1.0)).max(0.0).sqrt().max(REPEATABILITY_MM / 3.0))
 }
 
-/// A picture's number, and the error with which the other pictures predict its board, in the board's frame, mm.
+/// Index of a picture, and the error of the board position predicted from the other pictures, in the board frame, mm.
 type LeftOutError = (usize, Vector3<f64>);
 
 fn rms_mm(left_out: &[LeftOutError]) -> f64 {
@@ -208,30 +209,30 @@ fn cross_validate(state: &State, data: &RobotData) -> Option<Vec<LeftOutError>> 
     Some(all)
 }
 
-/// One parameter of the correction.
+/// An estimated parameter of the correction.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EstimatedParameter {
-    /// The parameter's name, with its unit.
+    /// Name of the parameter, with its unit.
     pub name: String,
     /// Its value.
     pub value: f64,
-    /// The parameter's uncertainty, 95 %.
+    /// Uncertainty of the parameter, 95 %.
     pub uncertainty: f64,
-    /// The parameter's standard deviation after the estimate divided by that before: 1 if the data carry no
+    /// Ratio of the parameter's standard deviation after the estimate to that before: 1 if the data contain no
     /// information, 0 if they determine the parameter completely.
     pub remaining_share: f64,
 }
 
-/// The estimated model with its evidence.
+/// The estimated errors of an arm with the evidence for them.
 #[derive(Debug, Clone)]
 pub struct RobotFound {
     /// The correction.
     pub correction: Correction,
     /// Its numbers.
     pub numbers: Vec<EstimatedParameter>,
-    /// The rigs as calculated with the correction.
+    /// The rigs, calculated with the correction.
     pub rigs: Vec<Rig>,
-    /// The tip on the flange, if there were touches, mm.
+    /// The tip in the flange frame, if there were touches, mm.
     pub tip_mm: Option<Vector3<f64>>,
     /// The rms distance of the board from its expected position in left-out pictures, with only mounts and boards
     /// estimated, mm.
@@ -242,7 +243,7 @@ pub struct RobotFound {
     pub(super) state: State,
     pub(super) covariance: DMatrix<f64>,
     pub(super) variance: f64,
-    /// The residual of a single pose along each axis that no parameter of the arm explains, mm.
+    /// Residual of a single pose along each axis that no parameter of the arm explains, mm.
     pub(super) scatter_mm: f64,
 }
 
@@ -275,8 +276,8 @@ fn position_covariance(
 }
 
 impl State {
-    /// Returns the tip at a pose: in the frame of the fixed camera if there is one, else in the base. The error counts
-    /// relative to the camera, because the tip must reach the position that the camera sees.
+    /// Returns the tip at a pose: in the frame of the fixed camera if there is one, otherwise in the base frame. The
+    /// error is evaluated relative to the camera, because the tip must reach the position that the camera sees.
     pub(super) fn tip_position(&self, pose: &ArmPose) -> Option<Vector3<f64>> {
         let tip = self.correction.base_from_flange(pose)? * Point::<Flange>::new(self.tip.into());
         let fixed = self.rigs.iter().find(|rig| rig.kind == RigKind::EyeToHand);
@@ -286,8 +287,8 @@ impl State {
 }
 
 impl RobotFound {
-    /// Returns the uncertainty of the corrected tip's position at a pose, relative to the fixed camera (without one,
-    /// to the base), 95 %, mm. The scatter of left-out pictures is included. `None` if the correction needs axis
+    /// Returns the uncertainty of the position of the corrected tip at a pose, relative to the fixed camera (without
+    /// one, to the base), 95 %, mm. The scatter of left-out pictures is included. `None` if the correction needs axis
     /// angles and there are none.
     pub fn tip_uncertainty_mm(&self, pose: &ArmPose) -> Option<f64> {
         let slope = position_jacobian(&self.state, &self.covariance, &|state| state.tip_position(pose))?;
@@ -299,30 +300,30 @@ impl RobotFound {
         radius_95(&(of_numbers + Matrix3::identity() * self.scatter_mm.powi(2)), 1e5)
     }
 
-    /// Returns the tip on the flange without a correction, if there were touches, mm.
+    /// Returns the tip in the flange frame without a correction, if there were touches, mm.
     pub fn uncorrected_tip_mm(&self) -> Option<Vector3<f64>> {
         self.uncorrected.touches.then_some(self.uncorrected.tip)
     }
 
-    /// Returns the rigs as calculated without a correction.
+    /// Returns the rigs, calculated without a correction.
     pub fn uncorrected_rigs(&self) -> &[Rig] {
         &self.uncorrected.rigs
     }
 }
 
-/// Maximum difference between the pose by the axis angles and the controller's pose, mm and degrees, if both belong to
-/// one robot.
+/// Maximum difference between the pose by the axis angles and the controller's pose, if both belong to one robot:
+/// position (`MAX_POSITION_DIFFERENCE_MM`) and rotation (`MAX_ROTATION_DIFFERENCE_DEG`).
 const MAX_POSITION_DIFFERENCE_MM: f64 = 5.0;
 const MAX_ROTATION_DIFFERENCE_DEG: f64 = 1.0;
 /// Maximum difference between the rotation angles of board and flange from picture to picture, degrees rms.
 const MAX_SCREW_ANGLE_DIFFERENCE_DEG: f64 = 0.7;
-/// Maximum difference between the shifts of board and flange along the axis of that rotation, mm rms.
+/// Maximum difference between the shifts of board and flange along the rotation axis, mm rms.
 const MAX_SCREW_SHIFT_DIFFERENCE_MM: f64 = 5.0;
-/// Minimum and maximum angle of a rotation that has a well-defined axis.
+/// Minimum and maximum angle of a rotation with a well-defined axis.
 const AXIS_ROTATION_RANGE_DEG: (f64, f64) = (5.0, 170.0);
 
-/// Checks whether the axis angles agree with the controller's poses and the pictures. If not, returns the fault
-/// that explains the difference.
+/// Checks whether the axis angles agree with the controller's poses and the pictures. If not, returns the error of the
+/// angles that explains the difference.
 fn axis_angle_problem(data: &RobotData) -> Option<String> {
     if data.views.iter().all(|view| view.pose.joints.is_none()) {
         return None;
@@ -375,9 +376,9 @@ fn axis_angle_problem(data: &RobotData) -> Option<String> {
     ))
 }
 
-/// Returns the difference between the motions of a board and of the flange from picture to picture, rms: the angle
-/// of the rotation, degrees, and the shift along its axis, mm. Both are the same for a screw motion from every
-/// viewpoint, so that neither mount nor board pose is needed.
+/// Returns the rms difference between the motions of a board and of the flange from picture to picture: the rotation
+/// angle, degrees, and the shift along the rotation axis, mm. Both are the same for a screw motion from every
+/// viewpoint, so neither mount nor board pose is needed.
 fn screw_misfit(data: &RobotData, flange: &dyn Fn(&Joints) -> Rigid<Base, Flange>) -> (f64, f64) {
     let (mut turns, mut shifts, mut count) = (0.0, 0.0, 0.0_f64);
     for (rig, kind) in data.rigs.iter().map(|rig| rig.kind).enumerate() {

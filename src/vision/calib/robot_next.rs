@@ -1,12 +1,12 @@
 //! Suggests the pose that would improve the calibration of an arm most, and reports whether any further pose would
 //! improve it.
 //!
-//! A rig's board is simulated in parts of its camera's picture, tilted and rotated, within the distances at which it
-//! was seen. The caller states which of these flange poses the arm may take, and with which axes. A picture has the
-//! information W, and J is the derivative of its twist with respect to the unknowns. The picture reduces their
-//! covariance C to
+//! The board of a rig is simulated in parts of the camera's picture, tilted and rotated, within the range of its
+//! observed distances. The caller states which of these flange poses the arm can reach, and with which axis angles. A
+//! picture has the information W, and J is the derivative of its twist with respect to the unknowns. The picture
+//! reduces their covariance C to
 //!     C − C Jᵀ (J C Jᵀ + W⁻¹)⁻¹ J C.                                                                          (1)
-//! The best picture is the one after which the uncertainty of the least certain determined parameter is smallest.
+//! The best picture is the one that minimises the uncertainty of the least certain determined parameter.
 
 use super::adjust::scaled_inverse;
 use super::arm_errors::ArmPose;
@@ -20,17 +20,17 @@ use nalgebra::{DMatrix, DVector, Isometry3, Matrix6, Translation3, UnitQuaternio
 use panelprep_base::geometry::{Base, Camera, Degrees, Flange, PinholeCamera, Pixel, Rigid, median};
 use rayon::prelude::*;
 
-/// A flange pose at which a rig's camera would see its board.
+/// A flange pose at which the camera of a rig would see its board.
 #[derive(Debug, Clone)]
 pub struct Viewpoint {
-    /// The rig whose camera would see its board.
+    /// Index of the rig whose camera would see its board.
     pub rig: usize,
     /// The flange pose at this viewpoint.
     pub base_from_flange: Rigid<Base, Flange>,
     information: Matrix6<f64>,
 }
 
-/// A pose that the arm may take.
+/// A pose that the arm can reach.
 #[derive(Debug, Clone)]
 pub struct Candidate {
     /// The view from this pose.
@@ -42,36 +42,35 @@ pub struct Candidate {
 /// The next pose.
 #[derive(Debug, Clone)]
 pub struct NextPose {
-    /// The rig whose board the picture shows.
+    /// Index of the rig whose board the picture shows.
     pub rig: usize,
     /// The pose.
     pub pose: ArmPose,
     /// The least certain parameter among those that the data determine.
     pub weakest_parameter: String,
-    /// The ratio of this parameter's standard deviation after the picture to that before.
+    /// Ratio of the standard deviation of this parameter after the picture to that before.
     pub weakest_share: f64,
-    /// The ratio of the tip's stated error after the best picture to that before it, as the median over the volume.
+    /// Ratio of the stated error of the tip after the best picture to that before, as the median over the volume.
     pub tip_share: f64,
 }
 
 impl NextPose {
-    /// Returns whether no further picture would reduce the tip's stated error enough to be worth taking.
+    /// Returns whether no further picture would reduce the stated error of the tip enough.
     pub fn is_sufficient(&self) -> bool {
         self.tip_share > MAX_REMAINING_SHARE
     }
 }
 
-/// Maximum share of the tip's stated error that may remain after a picture; if more remains, the picture is not worth
-/// taking.
+/// Maximum fraction of the tip's stated error that may remain after a useful picture.
 const MAX_REMAINING_SHARE: f64 = 0.95;
-/// Maximum ratio of a parameter's standard deviation to its usual one at which the data determine the parameter.
+/// Maximum ratio of the standard deviation of a determined parameter to its usual one.
 pub const DETERMINED_SHARE: f64 = 0.7;
 const PARTS: [f64; 3] = [0.28, 0.5, 0.72];
 const TILTS_DEG: [f64; 2] = [20.0, 42.0];
 const CANDIDATE_ROTATIONS: usize = 4;
 const DIRECTIONS: usize = 6;
 
-/// Returns the flange poses at which a rig's camera would see the complete board.
+/// Returns the flange poses at which the camera of a rig would see the complete board.
 pub fn viewpoints(
     found: &RobotFound,
     views: &[ArmView],
@@ -144,14 +143,15 @@ fn viewpoint(
     Some(Viewpoint { rig, base_from_flange: Rigid::from_isometry_unchecked(base_from_flange), information })
 }
 
-/// The shares of the errors of the weakest determined parameter and of the tip that would remain after a picture.
+/// The fractions that would remain after a picture: of the error of the least certain determined parameter, and of the
+/// error of the tip.
 struct InformationGain {
     weakest_share: f64,
     tip_share: f64,
 }
 
-/// Returns the best of the candidates; `volume` contains the poses at which the tip's error counts. `None` if there is
-/// no candidate, or the data determine no parameter.
+/// Returns the best of the candidates; `volume` contains the poses at which the error of the tip is evaluated. `None`
+/// if there is no candidate, or the data determine no parameter.
 pub fn best_next_pose(found: &RobotFound, candidates: &[Candidate], volume: &[ArmPose]) -> Option<NextPose> {
     let own = found.state.free_parameter_count();
     let determined = (0..own).filter(|index| found.numbers[*index].remaining_share < DETERMINED_SHARE);
@@ -181,7 +181,7 @@ pub fn best_next_pose(found: &RobotFound, candidates: &[Candidate], volume: &[Ar
     })
 }
 
-/// Computes the gain of a pose by (1).
+/// Computes the information gain of a picture at this pose by (1).
 fn gain(
     found: &RobotFound,
     candidate: &Candidate,

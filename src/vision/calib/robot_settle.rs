@@ -11,7 +11,7 @@ use nalgebra::{DMatrix, DVector, Isometry3, Matrix6, Vector3};
 use panelprep_base::geometry::{Board, Camera, PinholeCamera, Point, Rigid};
 use panelprep_cell::cell::ArmGeometry;
 
-/// States which of camera and board moves.
+/// The kind of a rig: which of camera and board moves.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RigKind {
     /// The camera is fixed, the board is on the flange.
@@ -25,40 +25,40 @@ pub enum RigKind {
 pub struct Rig {
     /// Whether the camera or the board moves.
     pub kind: RigKind,
-    /// The camera's mount: on the base, or on the flange.
+    /// The mount of the camera: on the base, or on the flange.
     pub mount: Isometry3<f64>,
-    /// The board's mount: on the flange, or on the base.
+    /// The mount of the board: on the flange, or on the base.
     pub board: Isometry3<f64>,
 }
 
 /// A picture.
 #[derive(Debug, Clone)]
 pub struct ArmView {
-    /// The picture's name in messages.
+    /// Name of the picture in messages.
     pub name: String,
-    /// The rig that took the picture.
+    /// Index of the rig that captured the picture.
     pub rig: usize,
     /// The robot's pose.
     pub pose: ArmPose,
-    /// The board's pose in the picture.
+    /// The pose of the board in the picture.
     pub camera_from_board: Isometry3<f64>,
-    /// The information of that pose: the inverse of its covariance, in rad and mm.
+    /// Information of this pose: the inverse of its covariance, in rad and mm.
     pub information: Matrix6<f64>,
-    /// The residual of its corners, rms, px.
+    /// Residual of the corners of the board, rms, px.
     pub rms_px: f64,
 }
 
-/// The robot's repeatability, mm; `REPEATABILITY_RAD` is that of the rotation, rad.
+/// Repeatability of the robot, mm; `REPEATABILITY_RAD` is the repeatability of its rotation, rad.
 pub(super) const REPEATABILITY_MM: f64 = 0.03;
 const REPEATABILITY_RAD: f64 = 5e-5;
 /// Minimum error of a corner that is assumed, px.
 const MIN_CORNER_ERROR_PX: f64 = 0.02;
 
 impl ArmView {
-    /// Creates a view from the corners that a picture shows.
+    /// Creates a view from the corners in a picture.
     ///
     /// # Errors
-    /// If they determine no pose.
+    /// If the corners determine no pose.
     pub fn from_corners(
         name: String,
         rig: usize,
@@ -74,7 +74,7 @@ impl ArmView {
     }
 }
 
-/// Returns the information on the board's pose from a picture with this error of its corners.
+/// Returns the information on the pose of the board from a picture with this error of its corners.
 pub(super) fn information(
     camera: &PinholeCamera,
     corners: &Corners,
@@ -90,21 +90,21 @@ pub(super) fn information(
     scaled_inverse(&(of_corners + of_robot))
 }
 
-/// The object that the tip touches.
+/// The target that the tip touches.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum TouchTarget {
     /// A fixed spot at an unknown position, by its number; all touches of one spot have the same number.
     Spot(usize),
     /// A corner of the fixed board that the camera on the flange sees.
     Corner {
-        /// The rig with that board.
+        /// Index of the rig with this board.
         rig: usize,
         /// The corner.
         place: Point<Board>,
     },
     /// A position that the fixed camera sees.
     Seen {
-        /// The rig with that camera.
+        /// Index of the rig with this camera.
         rig: usize,
         /// The place.
         place: Point<Camera>,
@@ -123,7 +123,7 @@ pub struct ArmTouch {
 /// The measured data: pictures of boards and touches.
 #[derive(Debug, Clone)]
 pub struct RobotData {
-    /// The arm's nominal geometry.
+    /// The nominal geometry of the arm.
     pub geometry: ArmGeometry,
     /// The rigs.
     pub rigs: Vec<Rig>,
@@ -138,16 +138,16 @@ const TOUCH_STD_MM: f64 = 0.1;
 /// Standard deviation of the tip's distance from the flange, mm: the prior if touches do not determine the tip.
 const TIP_PRIOR_MM: f64 = 300.0;
 const MAX_STEPS: usize = 40;
-/// Range of the factor between an arm's errors and the usual ones.
+/// Minimum and maximum ratio of the errors of an arm to the usual ones.
 const ERROR_FACTOR_RANGE: (f64, f64) = (0.3, 4.0);
 
 /// The estimated parameters.
 #[derive(Debug, Clone)]
 pub(super) struct State {
     pub correction: Correction,
-    /// Whether the correction's parameters are free.
+    /// Whether the parameters of the correction are free.
     pub corrects: bool,
-    /// The factor between the size of this arm's parameters and the usual one.
+    /// Ratio of the size of this arm's parameters to the usual size.
     pub size: f64,
     pub rigs: Vec<Rig>,
     /// Whether the tip is free.
@@ -166,7 +166,7 @@ impl State {
         self.free_parameter_count() + 12 * self.rigs.len()
     }
 
-    /// Returns the expected size of each parameter of the correction, as a standard deviation.
+    /// Returns the prior standard deviation of each parameter of the correction.
     pub fn parameter_priors(&self) -> Vec<f64> {
         self.correction.parameter_priors().into_iter().map(|usual| usual * self.size).collect()
     }
@@ -197,7 +197,7 @@ impl State {
         next
     }
 
-    /// Predicts the board's pose in a picture that a rig makes at a pose.
+    /// Predicts the pose of the board in a picture of a rig at this arm pose.
     pub fn predict_board_pose(&self, rig: usize, pose: &ArmPose) -> Option<Isometry3<f64>> {
         let flange = *self.correction.base_from_flange(pose)?.isometry();
         let rig = &self.rigs[rig];
@@ -229,8 +229,8 @@ impl State {
     }
 }
 
-/// A converged state, with the covariance of its unknowns and the ratio of the residuals' variance to the stated
-/// one.
+/// A converged state, with the covariance of its unknowns and the ratio of the variance of the residuals to the stated
+/// variance.
 pub(super) struct ConvergedState {
     pub state: State,
     pub inverse: DMatrix<f64>,
@@ -255,7 +255,7 @@ impl ConvergedState {
     }
 }
 
-/// Returns the prior knowledge: index, value and standard deviation of each unknown that has one.
+/// Returns the prior knowledge: index, value and standard deviation of each unknown that has a prior.
 fn prior_knowledge(state: &State, usual: &[f64]) -> Vec<(usize, f64, f64)> {
     let numbers = state.correction.numbers().iter().zip(usual).take(state.free_parameter_count()).enumerate();
     let mut all: Vec<_> = numbers.map(|(index, (number, usual))| (index, *number, *usual)).collect();
@@ -306,7 +306,7 @@ pub(super) fn levenberg_marquardt(
         damping *= 0.1;
         state = next;
         let inverse = scaled_inverse(&undamped)?;
-        // The number of free parameters that the data determine.
+        // Number of free parameters that the data determine.
         let parameters: f64 = state.count() as f64
             - (0..state.free_parameter_count()).map(|at| inverse[(at, at)] / usual[at].powi(2)).sum::<f64>();
         let redundancy = (there.len() as f64 - parameters).max(1.0);

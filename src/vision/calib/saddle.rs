@@ -1,15 +1,14 @@
 //! Locates a corner to a hundredth of a pixel, by fitting a model to the grey levels around it.
 //!
-//! If two edges of a chessboard cross at c, a pixel at x with signed distances d₁, d₂ from the edges has the grey
-//! level
+//! If two edges of a chessboard cross at c, a pixel at x with signed distances d₁, d₂ from the edges has the grey level
 //!     g(x) = (m + a · E(d₁) · E(d₂)) · (1 + l · (x − c)),   E(d) = ∫ erf(t / (s √2)) dt from d − ½ to d + ½,      (1)
 //! with mean m, half contrast a (its sign states which squares are black), blur s of the lens and light gradient l. The
 //! grey level of a pixel is the mean over its area, which for an edge of any direction is nearly the mean over 1 px
-//! across the edge. Least squares over the window by Levenberg–Marquardt finds c, both directions and the other
+//! across the edge. Least squares over the window by Levenberg–Marquardt determines c, both directions and the other
 //! parameters. The pattern is symmetric about the point c, so a wrong profile of the blur does not move c. Every pixel
-//! of both edges counts, while `cornerSubPix`, which gives the start value, follows noise in the gradients.
+//! of both edges contributes, while `cornerSubPix`, which gives the start value, follows noise in the gradients.
 //!
-//! This module does not detect corners, and returns `None` if the model does not fit.
+//! This module does not detect corners, and returns `None` if the model does not match.
 
 use nalgebra::{SMatrix, SVector, Vector2};
 use panelprep_base::geometry::{GrayPicture, Pixel};
@@ -17,13 +16,13 @@ use statrs::function::erf::erf;
 
 const UNKNOWNS: usize = 9;
 const MAX_STEPS: usize = 30;
-/// The iteration ends when the corner moves by less than this, px.
+/// Maximum motion of the corner in the last iteration, px.
 const CONVERGENCE_PX: f64 = 1e-4;
 /// Maximum motion of a corner from its start, px; beyond this it is another corner.
 const MAX_MOVE_PX: f64 = 1.5;
 /// Minimum half contrast of a corner, grey levels.
 const MIN_CONTRAST: f64 = 6.0;
-/// Maximum residual of the model, as a share of the half contrast, in addition to the picture's noise.
+/// Maximum residual of the model in addition to the picture's noise, as a fraction of the half contrast.
 const MAX_MODEL_RESIDUAL_SHARE: f64 = 0.25;
 /// Maximum excess of the mean square of the noise in a window over its expected value, in standard deviations.
 const MAX_NOISE_SIGMAS: f64 = 3.0;
@@ -36,18 +35,18 @@ const MIN_BLUR_PX: f64 = 0.05;
 pub(super) struct Saddle {
     /// The corner.
     pub pixel: Pixel,
-    /// The standard deviation of the position along each axis, from the picture's noise, px.
+    /// Standard deviation of the position along each axis, from the noise of the picture, px.
     pub deviation_px: f64,
-    /// Half the contrast, grey levels; its sign states which squares are black.
+    /// Half contrast, grey levels; its sign states which squares are black.
     pub contrast: f64,
-    /// The rms residual of the model in addition to the noise, as a share of the half contrast.
+    /// The rms residual of the model in addition to the noise, as a fraction of the half contrast.
     pub residual: f64,
-    /// The change of the light from the corner to the side of the window, as a share of the contrast.
+    /// Change of the light from the corner to the side of the window, as a fraction of the contrast.
     pub light_gradient: f64,
 }
 
-/// Refines the corner near `start` whose edges run along `edges`, in a picture with this rms of white noise; `None` if
-/// the window leaves the picture or the model does not fit.
+/// Refines the corner near `start` with edges along `edges`, in a picture with this rms of white noise; `None` if the
+/// window leaves the picture or the model does not match.
 pub(super) fn refine(
     picture: &GrayPicture,
     start: Pixel,
@@ -130,7 +129,7 @@ impl Model {
         }
     }
 
-    /// Returns the grey level and its derivatives.
+    /// Returns the grey level at an offset from the corner, and its derivatives.
     fn evaluate_gray(&self, u: f64, v: f64) -> (f64, SVector<f64, UNKNOWNS>) {
         let offset = Vector2::new(u - self.pixel.u, v - self.pixel.v);
         let blur = self.log_blur.exp();
@@ -177,7 +176,7 @@ impl Model {
 }
 
 struct Patch {
-    /// u, v and grey level.
+    /// For each pixel, u, v and grey level.
     pixels: Vec<[f64; 3]>,
     half_window_px: f64,
 }

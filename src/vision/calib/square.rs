@@ -1,14 +1,14 @@
-//! The size of the board's squares, determined from the robot's motions, which are metric.
+//! The size of the board's squares, determined from the motions of the robot, which are metric.
 //!
 //! A board with squares that differ from the stated size appears farther away or nearer than it is, and the mount
-//! absorbs the difference. Its residuals stay small and its stated uncertainty too. With the size as one more unknown
-//! s of (1) in `adjust`,
+//! absorbs the difference. Its residuals stay small and its stated uncertainty too. If the size is an additional
+//! unknown s of (1) in `adjust`,
 //!     p = X⁻¹ · Mᵢ(eᵢ) · Y · (1 + s) q,                                                                        (1)
 //! the data determine it. The method is Gauss–Newton: one step for s with mount, board and every eᵢ eliminated, then
-//! the adjustment again with squares of the new size, until s no longer changes. A lens of covariance C adds its part,
-//! as in `adjust`: a wrong focal length has nearly the same effect as squares of another size. The focal length is
-//! tested in the same way: motions towards the camera determine it, while the ratio of the board's size to motions
-//! across the view determines the squares.
+//! the adjustment again with squares of the new size, until s no longer changes. A lens of covariance C adds to the
+//! uncertainty, as in `adjust`: a wrong focal length has nearly the same effect as squares of another size. The focal
+//! length is tested in the same way. Motions towards the camera determine the focal length; the ratio of the size of
+//! the board to motions across the view determines the squares.
 
 use super::adjust;
 use super::adjust::{MountAdjustment, prior_weights, scaled_inverse};
@@ -19,32 +19,32 @@ use panelprep_base::geometry::{Board, Frame, PinholeCamera, Point};
 use panelprep_cell::cell::LensCovariance;
 
 const MAX_STEPS: usize = 8;
-/// The iteration ends when the relative change of the size is smaller than this.
+/// Maximum relative change of the size in the last iteration.
 const CONVERGENCE_TOLERANCE: f64 = 1e-7;
-/// The probability that a calibration judges a correct size to be wrong.
+/// Probability that a calibration judges a correct size to be wrong.
 const FALSE_ALARM_PROBABILITY: f64 = 1e-3;
 
-/// The squares' size, or the focal length, as determined by the robot's motions.
+/// The size of the squares, or the focal length, determined from the motions of the robot.
 #[derive(Debug, Clone)]
 pub struct SquareSize<A: Arrangement> {
     /// The measured size divided by the stated size; 1 if both agree.
     pub ratio: f64,
     factor: LengthFactor,
-    /// The standard deviation of the ratio, including the lens's part.
+    /// Standard deviation of the ratio, including the contribution of the lens.
     pub deviation: f64,
-    /// The degrees of freedom with which `deviation` was estimated.
+    /// Degrees of freedom with which `deviation` was estimated.
     pub redundancy: f64,
     /// Mount and board with this size.
     pub adjustment: MountAdjustment<A>,
 }
 
 impl<A: Arrangement> SquareSize<A> {
-    /// Returns the half width of the ratio's 95 % interval.
+    /// Returns the half width of the 95 % confidence interval of the ratio.
     pub fn ratio_95(&self) -> f64 {
         student_quantile(self.redundancy, 0.975) * self.deviation
     }
 
-    /// Returns the distance by which a point in front of the camera moves if this size replaces the stated one, mm.
+    /// Returns the distance by which a point in front of the camera moves if this size replaces the stated size, mm.
     pub(super) fn moves_mm(&self, stated: &MountAdjustment<A>, at: Point<A::From>) -> f64 {
         stated.to_from_camera.distance_at_mm(self.adjustment.to_from_camera, at)
     }
@@ -69,7 +69,7 @@ impl<A: Arrangement> SquareSize<A> {
     }
 }
 
-/// Returns a station as it would be with squares of another size.
+/// Returns the station for squares of another size.
 pub(super) fn scale_station<C: Frame>(station: &Station<C>, ratio: f64) -> Station<C> {
     let at = |q: &Point<Board>| Point::new(q.mm * ratio);
     let seen = match &station.observation {
@@ -110,7 +110,7 @@ pub(super) fn measure<A: Arrangement>(
     for _ in 0..MAX_STEPS {
         let (lens, now) = apply_factor(camera, stations, ratio, of);
         let step = step(&lens, &now, &adjusted, (of, None))?;
-        // The step is taken in the logarithm, so that the size cannot become negative. It is limited, so that even a
+        // The step is made in the logarithm, so that the size cannot become negative. It is limited, so that even a
         // size that is wrong by a factor of three does not make the adjustment diverge.
         let grown = step.share.clamp(-0.3, 0.3).exp();
         ratio *= grown;
@@ -153,7 +153,7 @@ fn step<A: Arrangement>(
             (chain.gram(camera, &station.observation)?, chain.factor_gram(camera, &station.observation, of)?);
         let lens_cross = chain.lens_cross(camera, &station.observation)?;
         let inverse = (gram.flange() + prior_weights(&adjusted.noise)).cholesky()?.inverse();
-        // The cross terms of mount, board and size with the flange's deviation.
+        // The cross terms of mount, board and size with the deviation of the flange.
         let mut cross = SMatrix::<f64, 13, 6>::zeros();
         cross.fixed_rows_mut::<12>(0).copy_from(&gram.cross());
         cross.row_mut(12).copy_from(&size.cross_terms.fixed_rows::<6>(12).transpose());
@@ -176,8 +176,8 @@ fn step<A: Arrangement>(
     let of_noise = inverse[(12, 12)] * adjusted.noise.corner.powi(2);
     let of_lens = lens.map_or(0.0, |lens| {
         if of == LengthFactor::Focal {
-            // A factor of the focal length is itself an error of the lens: only the variance that the lens's file
-            // states counts.
+            // A factor of the focal length is itself an error of the lens: only the variance that the lens file states
+            // is used.
             return lens[(0, 0)].max(lens[(1, 1)]) / camera.fx_px.powi(2);
         }
         let moved = inverse.row(12) * of_lens;

@@ -1,7 +1,8 @@
-//! Determines the probable fault of a station that does not fit; it repairs nothing.
+//! Determines the probable error of an outlier station; it corrects nothing.
 //!
-//! A picture implies a pose of the flange. Its difference from the pose in the file identifies the fault: a board that
-//! was detected upside down, two exchanged pictures, a mistyped number, or a pose that is completely wrong.
+//! A picture implies a pose of the flange. The difference between this pose and the pose in the file identifies the
+//! error: a board that was detected upside down, two exchanged pictures, a mistyped number, or a pose that is
+//! completely wrong.
 
 use super::adjust;
 use super::adjust::MountAdjustment;
@@ -11,19 +12,19 @@ use nalgebra::Vector3;
 use panelprep_base::geometry::{Base, Degrees, Flange, KukaPose, PinholeCamera, Point, Rigid, median};
 use std::fmt::Write;
 
-/// Maximum angle between the line of sight and the board's normal, degrees; at a larger angle the corners are located
-/// poorly.
+/// Maximum angle between the line of sight and the normal of the board, degrees; at a larger angle the corners are
+/// located poorly.
 const MAX_VIEW_ANGLE_DEG: f64 = 65.0;
-/// A picture is doubtful if the residual of its corners is more than this multiple of the usual residual.
+/// Maximum residual of the corners of a good picture, as a multiple of the usual residual.
 const MAX_RMS_MULTIPLE: f64 = 3.0;
-/// Minimum value of the usual residual in this comparison, px or mm: smaller residuals are good, independently of the
+/// Lower limit of the usual residual in this comparison, px or mm: smaller residuals are good, independently of the
 /// other pictures.
 const MIN_USUAL_RMS: f64 = 0.05;
 /// Minimum error of a pose with a mistyped number: `MIN_TYPO_MM` in mm or `MIN_TYPO_DEG` in degrees.
 const MIN_TYPO_MM: f64 = 1.0;
 const MIN_TYPO_DEG: f64 = 0.2;
 
-/// The probable cause of a station's deviation.
+/// The probable cause of the deviation of a station.
 #[derive(Debug, Clone, PartialEq)]
 pub enum StationFault {
     /// The board was detected upside down.
@@ -42,7 +43,7 @@ pub enum StationFault {
     Mistyped {
         /// Its key.
         key: &'static str,
-        /// The value in the file.
+        /// The stated value in the file.
         stated_value: f64,
         /// The value that the picture shows.
         observed_value: f64,
@@ -54,23 +55,23 @@ pub enum StationFault {
         /// The second key.
         other: &'static str,
     },
-    /// The picture itself is doubtful: the board is seen at a grazing angle.
+    /// The picture is doubtful: the board is seen at a grazing angle.
     Grazing {
-        /// Angle between the board's normal and the line of sight, degrees.
+        /// Angle between the normal of the board and the line of sight, degrees.
         tilt_deg: f64,
     },
-    /// The picture itself is doubtful: its corners have larger residuals than those of other pictures.
+    /// The picture is doubtful: its corners have larger residuals than those of other pictures.
     Rough {
-        /// Root mean square of the picture's corners, px or mm.
+        /// Root mean square residual of the corners, px or mm.
         rms: f64,
-        /// The median of the other pictures' values.
+        /// Median of this residual in the other pictures.
         median: f64,
     },
     /// The deviation is too small for a mistyped number.
     TooSmall,
     /// No known cause explains the deviation.
     Unknown {
-        /// The pose that the flange must have had for this picture.
+        /// The flange pose according to the picture.
         expected_pose: KukaPose,
     },
 }
@@ -80,7 +81,7 @@ pub enum StationFault {
 pub struct SuspectStation {
     /// The picture.
     pub name: String,
-    /// The distance between the positions of the board's middle that picture and robot give, mm.
+    /// Distance between the positions of the board's centre according to picture and robot, mm.
     pub distance_mm: f64,
     /// The probable cause of the deviation.
     pub fault: StationFault,
@@ -176,7 +177,7 @@ impl<A: Arrangement> StationTrial<'_, A> {
         said.distance_at_mm(self.poses[index].camera_from_board, self.board.centre())
     }
 
-    /// Returns whether the picture fits this flange pose.
+    /// Returns whether the picture agrees with this flange pose.
     fn is_consistent(&self, index: usize, base_from_flange: Rigid<Base, Flange>) -> bool {
         let station = Station { base_from_flange, ..self.stations[index].clone() };
         self.is_consistent_with_pose(&station, &self.poses[index])
@@ -222,7 +223,7 @@ impl<A: Arrangement> StationTrial<'_, A> {
             .is_ok_and(|pose| self.is_consistent_with_pose(&station, &pose))
     }
 
-    /// Returns the fault if the picture is more doubtful than the pose.
+    /// Returns the cause if the picture is more doubtful than the pose.
     fn poor_picture(&self, index: usize) -> Option<StationFault> {
         let pose = &self.poses[index];
         let (place, normal) = (

@@ -1,14 +1,14 @@
-//! Hand-eye calibration by three touched points (thesis 3.7, Eq. 3.14–3.19), with the checks that are possible.
+//! Hand-eye calibration with three touched points (thesis 3.7, Eq. 3.14–3.19), with the checks that are possible.
 //!
-//! The pointer touches three corners of the board. The frame through them (Eq. 3.14–3.17, Z normalised) is built
-//! twice, from the touched points and from the positions of these corners on the board, so that any three corners may
-//! be touched:
+//! The pointer touches three corners of the board. The frame through them (Eq. 3.14–3.17, Z normalised) is built twice,
+//! from the touched points and from the positions of these corners on the board, so that any three corners may be
+//! touched:
 //!     base_from_board = base_from_frame · frame_from_board,   to_from_camera = to_from_board · board_from_camera.
-//! A wrong corner cannot be noticed in the picture, since its error cancels in the chain. It shows in the distances
-//! between the touched points, in a rough mount if one is known, and in a fourth touched corner, which gives the only
-//! true residual. Four corners of a rectangle look the same from its other end: the fourth shows this only if it
-//! breaks the symmetry. If a person counts all four corners from the other end, their distances are still right: only
-//! a rough mount shows that.
+//! A wrong corner is not visible in the picture, since its error cancels in the chain. Three comparisons reveal it: the
+//! distances between the touched points, a rough mount if one is known, and a fourth touched corner, which gives the
+//! only true residual. Four corners of a rectangle look the same from its other end: the fourth corner reveals this
+//! only if it breaks the symmetry. If a person counts all four corners from the other end, their distances are still
+//! right: only a rough mount reveals this error.
 
 use super::chain::{Arrangement, board_pose};
 use super::error::CalibError;
@@ -20,7 +20,7 @@ use panelprep_base::number_text::distinguishable_texts;
 /// A touched corner of the board.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TouchedCorner {
-    /// The corner's column and row, from 0.
+    /// Column and row of the corner, from 0.
     pub corner: (usize, usize),
     /// The position of the pointer's tip.
     pub place: Point<Base>,
@@ -31,25 +31,25 @@ pub struct TouchedCorner {
 pub struct ThreePoints<A: Arrangement> {
     /// The camera's mount.
     pub to_from_camera: Rigid<A::To, A::From>,
-    /// The board's pose when it was touched.
+    /// The pose of the board when it was touched.
     pub base_from_board: Rigid<Base, BoardFrame>,
-    /// Root mean square distance of the board's corners in the picture from those of its pose, px.
+    /// Root mean square distance of the board's corners in the picture from their computed pixels, px.
     pub pnp_rms_px: f64,
-    /// Touched distance minus the nominal one between the points 1–2, 2–3 and 1–3, mm.
+    /// Touched minus nominal distance between the points 1–2, 2–3 and 1–3, mm.
     pub distance_errors_mm: [f64; 3],
-    /// Distance of the fourth touched corner from its position by the other three, mm.
+    /// Distance of the fourth touched corner from its position according to the other three, mm.
     pub check_mm: Option<f64>,
     /// Whether the distances would be the same if the corners were touched from another end of the board.
     pub is_symmetric: bool,
 }
 
-/// Minimum sine of the three angles; with a smaller one the three points count as collinear.
+/// Minimum sine of the three angles; with a smaller one the three points are treated as collinear.
 const MIN_SINE: f64 = 0.1;
 /// Minimum distance between touched points, in squares.
 const MIN_DISTANCE_SQUARES: f64 = 2.5;
 
-/// Calibrates a camera mount. `touched` are three corners and, as the fourth, an optional check; `base_from_flange` is
-/// the flange pose of the picture, used if the camera is on the flange.
+/// Calibrates a camera mount. `touched` contains three corners and, as the fourth, an optional check;
+/// `base_from_flange` is the flange pose of the picture, used if the camera is on the flange.
 ///
 /// # Errors
 /// If a corner is not on the board, the points are collinear or too close, or the picture gives no pose.
@@ -108,8 +108,8 @@ pub fn three_points<A: Arrangement>(
     })
 }
 
-/// Returns the frame with its origin in the first point, X towards the second, and the third on the side of Y (Eq.
-/// 3.14–3.17, Z normalised).
+/// Returns the frame with its origin in the first point, X towards the second, and the third point on the side of Y
+/// (Eq. 3.14–3.17, Z normalised).
 fn frame_from_points<F: Frame>(
     points: [Point<F>; 3],
     apart_mm: f64,
@@ -130,7 +130,7 @@ fn frame_from_points<F: Frame>(
     let x = (points[1] - points[0]).mm.normalize(); // Eq. 3.14
     let v = (points[2] - points[0]).mm.normalize();
     let z = x.cross(&v); // Eq. 3.15
-    // The smallest of the three sines counts: two points may be close to each other as seen from the third.
+    // The smallest of the three sines is used: two points may be close to each other as seen from the third.
     let w = (points[2] - points[1]).mm.normalize();
     if z.norm().min(x.cross(&w).norm()).min(v.cross(&w).norm()) < MIN_SINE {
         return Err(flat());
@@ -143,7 +143,7 @@ fn frame_from_points<F: Frame>(
 
 #[cfg(test)]
 mod tests {
-    //! Mounts from three touched points, for both kinds of mount.
+    //! Tests of mounts from three touched points, for both kinds of mount.
 
     use super::{TouchedCorner, three_points};
     use crate::calib::{Board, BoardObservation, CalibError, gate};
@@ -177,7 +177,7 @@ mod tests {
         judgement.reasons.iter().map(|reason| &*reason.code).collect()
     }
 
-    /// Without noise the true mount is found, for both cameras and for corners that are not on the board's own axes.
+    /// Without noise the true mount is found, for both cameras and for corners that are not on the axes of the board.
     #[test]
     fn the_true_mount_is_found() {
         let cell = cell();
@@ -206,8 +206,8 @@ mod tests {
     }
 
     /// A reported case: outer corners that were touched in the order 3, 4, 1, 2 cause no error in the distances.
-    /// Without a rough mount the verdict is review, with one it is reject. With a fourth corner that breaks the
-    /// symmetry the error is several squares.
+    /// Without a rough mount the verdict is review, with a rough mount it is reject. With a fourth corner that breaks
+    /// the symmetry the error is several squares.
     #[test]
     fn outer_corners_touched_from_the_other_end_are_not_accepted() {
         let cell = cell();
@@ -231,8 +231,8 @@ mod tests {
         assert_eq!(gate::three_points(&inner, None).verdict, Verdict::Reject);
     }
 
-    /// A board touched from its far corner has the same reprojection error as a correct one: only a rough mount shows
-    /// the mistake.
+    /// A board touched from its far corner has the same reprojection error as a correct one: only a rough mount reveals
+    /// the error.
     #[test]
     fn a_wrong_origin_shows_in_the_rough_mount_and_a_wrong_corner_in_the_distances() {
         let cell = cell();

@@ -1,10 +1,10 @@
 //! The tool: its point from poses that hold it at one spot, its axis from a second touch.
 //!
-//! Point: for every pose i, R_i t + p_i = s, with the tip t in the flange and the spot s in the base unknown; least
-//! squares over n ≥ 4 poses. Axis: a second point of the tool's axis, behind the tip, held at the same spot; or the pad
-//! pressed flat on a plate that was touched in three points and more. Z points out of the pad, into the work; X is the
-//! flange's X, made perpendicular to Z. A tool without a measured axis has a point but no frame: it is refused for
-//! sanding.
+//! Point: for every pose i, R_i t + p_i = s, with the tip t in the flange frame and the spot s in the base frame
+//! unknown; least squares over n ≥ 4 poses. Axis: a second point of the tool's axis, behind the tip, held at the same
+//! spot; or the pad pressed flat on a plate that was touched in three or more points. Z points out of the pad, into the
+//! work; X is the flange's X, made perpendicular to Z. A tool without a measured axis has a point but no frame: it is
+//! refused for sanding.
 
 use super::error::CalibError;
 use super::quantile::radius_95;
@@ -12,36 +12,36 @@ use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 use panelprep_base::geometry::{Base, Flange, Point, Rigid, Tool, Vector};
 use panelprep_base::number_text::distinguishable_texts;
 
-/// A tool's point with its evidence.
+/// The calibrated point of a tool with its evidence.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ToolPoint {
     /// The tip.
     pub tip: Point<Flange>,
     /// The spot at which the tip was held.
     pub spot: Point<Base>,
-    /// The distance of the tip from the spot in each pose, mm.
+    /// For each pose, the distance of the tip from the spot, mm.
     pub residuals_mm: Vec<f64>,
     /// Root mean square of the residuals, mm.
     pub rms_mm: f64,
-    /// Radius that contains the tip's error with 95 % probability, mm.
+    /// Radius that contains the error of the tip with 95 % probability, mm.
     pub uncertainty_mm: f64,
 }
 
-/// The touches that show the direction of the tool's axis.
+/// The touches that determine the direction of the tool's axis.
 #[derive(Debug, Clone, PartialEq)]
 pub enum AxisTouch {
     /// Flange poses in which a point of the axis behind the tip is at the spot.
     Behind(Vec<Rigid<Base, Flange>>),
-    /// Touched points of a plate, and flange poses in which the pad lies flat on the plate.
+    /// Touched points of a plate, and flange poses in which the pad is flat on the plate.
     Plate {
-        /// Points of the plate, touched with the tool's tip or a pointer.
+        /// Points of the plate, touched with the tip of the tool or a pointer.
         touched_points: Vec<Point<Base>>,
         /// Flange poses with the pad flat on the plate.
         flat_poses: Vec<Rigid<Base, Flange>>,
     },
 }
 
-/// A tool's axis with its evidence.
+/// The calibrated axis of a tool with its evidence.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ToolAxis {
     /// The direction out of the pad.
@@ -54,15 +54,16 @@ pub struct ToolAxis {
 
 /// Minimum number of poses.
 pub const MIN_POSES: usize = 4;
-/// Minimum rms sine of the rotations, for the direction in which they determine the tip worst.
+/// Minimum rms sine of the rotations, for the direction in which they determine the tip least.
 const MIN_RMS_SINE: f64 = 0.12;
-/// Minimum of the largest distance of the flange from the base's origin, mm. If all positions are nearer, the numbers
-/// are metres: no arm's flange comes so near in each pose, but in metres its complete reach is below this number.
+/// Minimum value of the largest distance of the flange from the origin of the base, mm. If all positions are nearer,
+/// they are in metres: no arm brings its flange this near in every pose, but in metres its whole reach is below this
+/// number.
 const MIN_FLANGE_DISTANCE_MM: f64 = 10.0;
 /// Minimum distance of the second point from the tip, mm.
 const MIN_AXIS_POINT_DISTANCE_MM: f64 = 20.0;
 
-/// Computes the tool's point.
+/// Computes the point of the tool.
 ///
 /// # Errors
 /// If there are fewer than four poses, or they rotate too little.
@@ -116,7 +117,7 @@ pub fn tool_point(poses: &[Rigid<Base, Flange>]) -> Result<ToolPoint, CalibError
     })
 }
 
-/// Computes the tool's axis.
+/// Computes the axis of the tool.
 ///
 /// # Errors
 /// If a second point is too near the tip, or a plate is not determined.
@@ -156,7 +157,7 @@ fn axis_offsets(point: &ToolPoint, poses: &[Rigid<Base, Flange>]) -> Result<Vec<
     poses.iter().map(axis).collect()
 }
 
-/// Returns the plate's normal, and the rms deviation of its points from a plane, mm.
+/// Returns the normal of the plate, and the rms deviation of its points from a plane, mm.
 fn fit_plate_normal(places: &[Point<Base>]) -> Result<(Vector3<f64>, Option<f64>), CalibError> {
     let few = |why: &str| CalibError::Tool(format!("the {} touched points of the plate {why}", places.len()));
     if places.len() < 3 {
@@ -175,19 +176,19 @@ fn fit_plate_normal(places: &[Point<Base>]) -> Result<(Vector3<f64>, Option<f64>
     }
     let rms_mm = (eigen.eigenvalues[order[0]].max(0.0) / places.len() as f64).sqrt();
     let normal = eigen.eigenvectors.column(order[0]).into_owned();
-    // Three points always lie on a plane: a residual of zero is then no evidence.
+    // Three points are always on a plane: a residual of zero is then no evidence.
     Ok((normal, (places.len() > 3).then_some(rms_mm)))
 }
 
-/// Returns the plate's normal in the flange, on the side to which the flange's own Z axis points: a pad faces away from
-/// the arm.
+/// Returns the normal of the plate in the flange frame, on the side to which the flange's Z axis points: a pad faces
+/// away from the arm.
 fn orient_normal(pose: &Rigid<Base, Flange>, normal: &Vector3<f64>) -> Vector3<f64> {
     let in_flange = pose.inverse().rotation() * normal;
     if in_flange.z < 0.0 { -in_flange } else { in_flange }
 }
 
-/// Returns the tool's frame: its origin is the tip, Z lies along the axis, and X is the flange's X, made perpendicular
-/// to Z.
+/// Returns the frame of the tool: its origin is the tip, Z is along the axis, and X is the flange's X, made
+/// perpendicular to Z.
 pub fn flange_from_tool(tip: Point<Flange>, axis: Vector<Flange>) -> Rigid<Flange, Tool> {
     let z = axis.mm;
     let along = if z.x.abs() < 0.9 { Vector3::x() } else { Vector3::y() };
@@ -220,8 +221,7 @@ mod tests {
         Point::at(TIP[0], TIP[1], TIP[2])
     }
 
-    /// The test reads a poses file with A and C exchanged, and one in metres; correct poses have no other
-    /// interpretation.
+    /// Poses with A and C exchanged, and poses in metres, are recognised; correct poses have no other interpretation.
     #[test]
     fn other_readings_of_the_angles_and_metres_are_named() {
         let right = poses(tip(), &ANGLES);
@@ -272,8 +272,8 @@ mod tests {
         assert!(tool_point(&poses(tip(), &ANGLES[..3])).expect_err("three").to_string().contains("4 are needed"));
     }
 
-    /// Calculated by hand: the second point is 60 mm behind the tip along (0, 0.6, 0.8) in the flange, and this
-    /// direction is the axis.
+    /// Expected value, calculated by hand: the second point is 60 mm behind the tip along (0, 0.6, 0.8) in the flange
+    /// frame, so this direction is the axis.
     #[test]
     fn a_second_point_gives_the_axis() {
         let point = tool_point(&poses(tip(), &ANGLES)).expect("a tip");
@@ -288,7 +288,8 @@ mod tests {
         assert!(tool_axis(&point, &AxisTouch::Behind(poses(near, &ANGLES[1..2]))).is_err());
     }
 
-    /// Calculated by hand: on a level plate, a flange rotated by C = 180° has the normal along its own +Z.
+    /// Expected value, calculated by hand: on a level plate, a flange rotated by C = 180° has the normal along its own
+    /// +Z.
     #[test]
     fn a_plate_gives_the_axis() {
         let point = tool_point(&poses(tip(), &ANGLES)).expect("a tip");

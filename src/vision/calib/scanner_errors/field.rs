@@ -1,29 +1,29 @@
-//! The smooth errors of a camera: the one that is the same in each scan, the tilt of planes, and the one that differs
-//! from scan to scan.
+//! The smooth errors of a 3D camera: the error that is the same in each scan, the tilt of planes, and the error that
+//! differs from scan to scan.
 //!
-//! **The same in each scan** is a smooth field of depth errors, with the board's own bow beside it. In mm along the
-//! ray, a block of scan i reads −z²·q = −z²(a_i + b_i x + c_i y) + (z/z₀)² B(x, y)·c + z·|m_i|·h(u, v). Here q = 1/z,
-//! each scan has a plane of its own, c are the field's coefficients (`geometry::DepthField`), and h = k₁u² + k₂uv +
-//! k₃v² is the board's height. m_i = (b_i, c_i, a_i) is the plane's normal divided by its distance. Planes are
-//! projected out scan by scan, so that a scan adds a small symmetric matrix. Second differences of c are weighted by
-//! λ, and the bow by the usual flatness of boards.
+//! **The error that is the same in each scan** is a smooth field of depth errors, estimated together with the bow of
+//! the board. In mm along the ray, a block of scan i reads −z²·q = −z²(a_i + b_i x + c_i y) + (z/z₀)² B(x, y)·c +
+//! z·|m_i|·h(u, v). Here q = 1/z, each scan has its own plane, c are the coefficients of the field
+//! (`geometry::DepthField`), and h = k₁u² + k₂uv + k₃v² is the height of the board. m_i = (b_i, c_i, a_i) is the normal
+//! of the plane divided by its distance. Planes are projected out scan by scan, so that a scan adds a small symmetric
+//! matrix. Second differences of c are weighted by λ, and the bow by the usual flatness of boards.
 //!
 //! **The tilt** is the depth error that maps planes to other planes, determined from the distances between printed
 //! corners. A depth error that is linear over the directions, c = a + b x + c y, leaves flat boards flat, and makes
-//! distances on them longer where it is larger. With the scale sᵢ of each scan's distances, and its derivative with
-//! respect to each coefficient, the linear fit is
+//! distances on them longer where it is larger. With the scale sᵢ of the distances in each scan, and its derivative
+//! with respect to each coefficient, the linear fit is
 //!     sᵢ = s + a ∂s/∂a + b ∂s/∂b + c ∂s/∂c,                                                                    (1)
-//! Only b and c are a correction: only the boards' depths distinguish s and a, which act as a scale.
+//! Only b and c are a correction: only the depths of the boards distinguish s and a, which act as a scale.
 //!
-//! **From scan to scan** the smooth error has a size and a length over which it is correlated. Both are estimated from
-//! its mean squares in blocks and in parts of the board. Residuals r = M e are the remainder of the errors e after a
-//! plane. For errors with the covariance σ² K, K = exp(−h² π / L²) over the distances h on the board, the mean squares
-//! of blocks and of means over k × k parts (A) are expected to be
+//! **The smooth error from scan to scan** has a standard deviation σ and a correlation length L. Both are estimated
+//! from its mean squares in blocks and in parts of the board. Residuals r = M e are the remainder of the errors e after
+//! a plane. For errors with the covariance σ² K, K = exp(−h² π / L²) over the distances h on the board, the expected
+//! mean squares of blocks and of means over k × k parts (A) are
 //!     E |r|² = σ² tr(M K),   E |r̄|² = σ² tr(M' A K Aᵀ),                                                    (2)
-//! each with its own plane removed. The ratio of the two rises with L. The L with the observed ratio is the result, and
-//! then σ follows. A mean over an area much larger than L² has the variance σ² L² / area, as if each square of the side
-//! L had one error of its own. A likelihood was tried in place of (2). It depends on the finest detail, where the form
-//! of K differs from that of the camera's errors: L was wrong by a factor of three.
+//! each with its own plane removed. The ratio of the two increases with L. The result is the L with the observed ratio;
+//! σ follows from it. A mean over an area much larger than L² has the variance σ² L² / area, as if each square of the
+//! side L had one independent error. A likelihood was tried in place of (2). It depends on the finest detail, where the
+//! form of K differs from that of the camera's errors: L was wrong by a factor of three.
 
 use super::plane_view;
 use super::plane_view::{Block, PlaneView, Projection};
@@ -34,18 +34,18 @@ use panelprep_base::geometry::{
 };
 use rayon::prelude::*;
 
-/// Weights of the roughness that are tried.
+/// Weights λ of the roughness that are tried.
 pub(super) const LAMBDAS: [f64; 7] = [0.01, 0.1, 1.0, 10.0, 100.0, 1e3, 1e4];
 const BOW_TERMS: usize = 3;
 /// Standard deviation of a calibration board from a plane over half of its diagonal, mm.
 const BOARD_BOW_STD_MM: f64 = 0.15;
 const UNKNOWNS: usize = FIELD_SIZE + BOW_TERMS;
-/// A small weight of the field's size: if two fields explain the same data, the solution is the smaller one.
+/// A small weight of the field's size: if two fields explain the data equally well, the solution is the smaller one.
 const RIDGE_WEIGHT: f64 = 1e-6;
 /// Standard deviation of the depth of a block, mm; the weight of the bow refers to it.
 const BLOCK_STD_MM: f64 = 0.05;
 
-/// A scan without its plane, which a projection removed.
+/// A scan from which its plane was removed by a projection.
 pub(super) struct ProjectedScan {
     design: DMatrix<f64>,
     measured_mm: DVector<f64>,
@@ -53,17 +53,17 @@ pub(super) struct ProjectedScan {
     rhs: DVector<f64>,
 }
 
-/// The field and the bow.
+/// The coefficients of the field and of the bow.
 pub(super) struct FieldSolution {
     pub coefficients_mm: [f64; FIELD_SIZE],
     pub bow_mm: f64,
     parameters: DVector<f64>,
 }
 
-/// The prediction of scans that were left out.
+/// The prediction of left-out scans.
 pub(super) struct LeftOutPrediction {
     pub rms_mm: f64,
-    /// The residual in each block of each scan, mm.
+    /// For each scan, the residual in each block, mm.
     pub residuals_mm: Vec<Vec<f64>>,
 }
 
@@ -100,7 +100,7 @@ impl ProjectedScan {
     }
 }
 
-/// Returns the field that fits the scans best, with this weight of the field's roughness.
+/// Returns the field and the bow by least squares over the scans, with this weight of the field's roughness.
 pub(super) fn solve<'a>(fits: impl IntoIterator<Item = &'a ProjectedScan>, lambda: f64) -> Option<FieldSolution> {
     let mut information = smoothness_penalty(lambda);
     let mut right = DVector::zeros(UNKNOWNS);
@@ -111,12 +111,12 @@ pub(super) fn solve<'a>(fits: impl IntoIterator<Item = &'a ProjectedScan>, lambd
     let all = information.cholesky()?.solve(&right);
     let coefficients_mm = std::array::from_fn(|k| all[k]);
     let [a, b, c] = [0, 1, 2].map(|k| all[FIELD_SIZE + k]);
-    // The largest height of a quadratic form in u and v on the unit circle.
+    // The maximum height of a quadratic form in u and v on the unit circle.
     let bow_mm = ((a + c) / 2.0).abs() + ((a - c) / 2.0).hypot(b / 2.0);
     Some(FieldSolution { coefficients_mm, bow_mm, parameters: all })
 }
 
-/// Predicts each scan from the others; without a weight, no field is used.
+/// Predicts each scan from the others; with `None`, no field is used.
 pub(super) fn cross_validate(fits: &[ProjectedScan], lambda: Option<f64>) -> Option<LeftOutPrediction> {
     let residuals_mm: Vec<Vec<f64>> = match lambda {
         None => fits.iter().map(|fit| fit.residuals_mm(None)).collect(),
@@ -135,7 +135,7 @@ pub(super) fn rms(values: &[f64]) -> f64 {
     (values.iter().map(|value| value * value).sum::<f64>() / values.len().max(1) as f64).sqrt()
 }
 
-/// Returns the field's largest value at these directions, without its linear part over them, mm.
+/// Returns the maximum value of the field at these directions, without its linear part over them, mm.
 pub(super) fn max_amplitude_mm(field: &DepthField, directions: impl Iterator<Item = [f64; 2]>) -> f64 {
     let all: Vec<([f64; 2], f64)> = directions.map(|at| (at, field.at_mm(at))).collect();
     let linear = plane_view::fit_plane(all.iter().copied()).unwrap_or_default();
@@ -174,17 +174,17 @@ const MAX_RMS_RATIO: f64 = 0.8;
 /// Terms of (1).
 const TERMS: usize = 4;
 
-/// The result from the scales of all scans.
+/// The slope and the scatter of the scales of all scans.
 pub(super) struct ScaleTilt {
     /// b and c of (1), mm at the reference depth; `None` if they do not predict left-out scans.
     pub slope_mm: Option<[f64; 2]>,
     /// Standard deviation of the scales after (1), or after its first two terms if there is no slope, percent.
     pub residual_percent: f64,
-    /// The degrees of freedom: the number of scans minus the number of terms.
+    /// Degrees of freedom: the number of scans minus the number of terms.
     pub degrees_of_freedom: usize,
 }
 
-/// 95 % of a normal distribution lie below this number of standard deviations above its mean.
+/// The 95 % quantile of the standard normal distribution.
 const NORMAL_ONE_SIDED_95: f64 = 1.645;
 
 impl ScaleTilt {
@@ -217,7 +217,7 @@ pub(super) fn estimate_tilt(views: &[PlaneView], field: Option<&DepthField>) -> 
     })
 }
 
-/// A linear fit, with the residuals of its own data and of data that were left out.
+/// A linear fit, with the residuals of its own data and of left-out data.
 struct LeftOutFit {
     parameters: DVector<f64>,
     residual: f64,
@@ -244,22 +244,22 @@ impl LeftOutFit {
     }
 }
 
-/// The values of L that are tried, mm.
+/// Values of the correlation length L that are tried, mm.
 const CORRELATION_LENGTHS_MM: [f64; 15] =
     [12.0, 16.0, 21.0, 27.0, 35.0, 45.0, 55.0, 67.0, 80.0, 97.0, 120.0, 150.0, 190.0, 240.0, 320.0];
 /// Number of parts along each side of the board.
 const PARTS_PER_SIDE: usize = 4;
-/// Minimum number of blocks in a part, as a share of the usual number.
+/// Minimum number of blocks in a part, as a fraction of the usual number.
 const MIN_FILLED_SHARE: f64 = 0.5;
 
-/// The estimated error and its correlation length.
+/// The estimated smooth error and its correlation length.
 pub(super) struct CorrelationLength {
     pub deviation_mm: f64,
     pub correlation_mm: f64,
     pub interval_mm: [f64; 2],
 }
 
-/// One scan's blocks and parts.
+/// The blocks and parts of one scan.
 struct BlockPartition {
     /// Projections that remove the planes of the blocks and of the parts.
     planes: [Projection; 2],
@@ -295,8 +295,8 @@ pub(super) fn estimate_smooth_error(views: &[PlaneView], residuals_mm: &[Vec<f64
     deviation_mm.is_finite().then_some(spread)
 }
 
-/// Returns the L at which this ratio is expected, and the expected value of the blocks there. If the ratio is outside
-/// of the range, it is the first or the last L.
+/// Returns the L at which this ratio is expected, and the expected mean square of the blocks there. If the ratio is
+/// outside of the range, the first or the last L is returned.
 fn solve_correlation_length(tried: &[(f64, [f64; 2])], ratio: f64) -> (f64, f64) {
     let of = |[blocks, parts]: [f64; 2]| parts / blocks;
     let above = tried.iter().position(|one| of(one.1) >= ratio).unwrap_or(tried.len());
@@ -366,9 +366,9 @@ impl BlockPartition {
 mod tests {
     use super::*;
 
-    /// Calculated by hand: a scatter of 0.05 % with an uncertainty of 0.03 % exceeds the uncertainty by √(0.0025 −
-    /// 0.0009) % = 0.04 %. With 8 scans more than terms, chance causes up to √(1 + 1.645 · 0.5) = 1.35 times the
-    /// uncertainty, 0.0405 %.
+    /// Expected values, calculated by hand: a scatter of 0.05 % with an uncertainty of 0.03 % exceeds the uncertainty
+    /// by √(0.0025 − 0.0009) % = 0.04 %. With 8 scans more than terms, chance causes up to √(1 + 1.645 · 0.5) = 1.35
+    /// times the uncertainty, 0.0405 %.
     #[test]
     fn scatter_due_to_chance_is_no_excess() {
         let tilt =

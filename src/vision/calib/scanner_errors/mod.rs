@@ -1,19 +1,19 @@
-//! The 3D camera's own errors, measured with a flat board at many positions in the working volume.
+//! The errors of the 3D camera, measured with a flat board at many positions in the working volume.
 //!
 //! A plane in front of the camera is linear in the directions (x, y) = (X/Z, Y/Z): 1/z = a + b x + c y. The remainder
-//! of a scan of a flat board is the camera's error, in five parts:
-//! - white noise, from pixel to pixel, which grows with z²;
-//! - the error that is the same in each scan (`field`): a correction, kept only if it predicts scans that were left
+//! of a scan of a flat board is the error of the camera, in five parts:
+//! - white noise, from pixel to pixel, which increases with z²;
+//! - the error that is the same in each scan (`field`): a correction, used only if it predicts scans that were left
 //!   out;
-//! - the smooth error that differs from scan to scan (`field`, too): its size and the length over which it is
-//!   correlated, from means over parts of the board, since a plane through the board absorbs a part;
-//! - the board's own bow, which rotates with the board and can therefore be distinguished;
-//! - scale: distances between corners, as measured and as printed; from scan to scan the part that the smooth error
-//!   does not explain. If distances are longer on one side of the picture, planes are mapped to other planes (`field`,
-//!   too); this is corrected, too.
+//! - the smooth error that differs from scan to scan (`field`): its standard deviation and its correlation length, from
+//!   means over parts of the board, since a plane through the board absorbs a part;
+//! - the bow of the board, which rotates with the board and can therefore be distinguished;
+//! - scale: the ratio of measured to printed distances between corners; from scan to scan the part that the smooth
+//!   error does not explain. If distances are longer on one side of the picture, planes are mapped to other planes;
+//!   this tilt is also corrected (`field`).
 //!
-//! [`checks`] is the gate: it decides whether the measured errors may be used, must be checked by a person, or are
-//! refused. The lens is not measured here (`intrinsics`).
+//! [`checks`] decides whether the measured errors may be used, must be checked by a person, or are refused. The lens is
+//! not measured here (`intrinsics`).
 
 mod field;
 mod plane_view;
@@ -25,7 +25,7 @@ use panelprep_base::number_text::distinguishable_texts;
 use panelprep_base::verdict::{Check, LimitSource};
 pub use plane_view::{Block, BoardScan, MIN_SCANS, PicturePart, PictureParts, PlaneView};
 
-/// Returns the range of the directions of a camera's whole picture; `None` if one of its corners has no ray.
+/// Returns the range of the directions of the whole picture of a camera; `None` if one of its corners has no ray.
 pub fn direction_rectangle(camera: &PinholeCamera) -> Option<FieldRectangle> {
     let [right, low] = [camera.width_px, camera.height_px].map(|count| count as f64 - 1.0);
     let corners = [[0.0, 0.0], [right, 0.0], [0.0, low], [right, low]];
@@ -45,7 +45,7 @@ pub fn direction_rectangle(camera: &PinholeCamera) -> Option<FieldRectangle> {
 /// in each scan is not corrected.
 const MAX_RMS_RATIO: f64 = 0.9;
 
-/// Measures the camera's errors.
+/// Measures the errors of the camera.
 ///
 /// # Errors
 /// If fewer scans than [`MIN_BOARD_POSITIONS`] show the board, or boards fill no part of the picture.
@@ -115,61 +115,61 @@ pub fn measure(views: &[PlaneView], over: FieldRectangle) -> Result<ScannerError
 pub struct ScannerErrors {
     /// White noise of a pixel at the reference depth, standard deviation, mm.
     pub white_mm: f64,
-    /// The smooth error of one scan, after the correction if there is one: standard deviation, mm.
+    /// Standard deviation of the smooth error of one scan, after the correction if there is one, mm.
     pub smooth_mm: f64,
-    /// Side of the squares within each of which the smooth error counts as equal, mm.
+    /// Side of the squares within which the smooth error is treated as equal, mm.
     pub correlation_mm: f64,
-    /// The 95 % interval of `correlation_mm`, mm.
+    /// 95 % confidence interval of `correlation_mm`, mm.
     pub correlation_interval_mm: [f64; 2],
     /// Maximum correlation length that the boards can show, mm: their diagonal.
     pub board_mm: f64,
-    /// The rms deviation from the plane in scans that were left out, without a correction, mm.
+    /// The rms deviation from the plane in left-out scans, without a correction, mm.
     pub left_out_uncorrected_mm: f64,
     /// The rms deviation in left-out scans with the correction from the other scans, mm; `None` if the correction is
     /// not better.
     pub left_out_corrected_mm: Option<f64>,
     /// The correction; `None` if no error is the same in each scan.
     pub field: Option<DepthField>,
-    /// The correction's largest amount at the reference depth, at the positions of boards, mm.
+    /// Maximum absolute value of the correction at the reference depth, at the positions of boards, mm.
     pub max_field_mm: f64,
     /// Bow of the board over half of its diagonal, mm.
     pub bow_mm: f64,
-    /// The ratio of measured to printed distances, minus one, percent: the mean over scans.
+    /// Ratio of measured to printed distances, minus one, percent: the mean over the scans.
     pub scale_percent: f64,
     /// Standard deviation of the scale from scan to scan, without the part that the smooth error explains, percent.
     pub scale_deviation_percent: f64,
     /// The parts of the picture.
     pub parts: PictureParts,
-    /// Share of the picture in which at least two scans show the board.
+    /// Fraction of the picture in which at least two scans show the board.
     pub covered_share: f64,
-    /// Least and greatest depth of the middle of a board, mm.
+    /// Minimum and maximum depth of the centre of a board, mm.
     pub depths_mm: [f64; 2],
-    /// The largest difference between two rotations of the board in its plane, degrees.
+    /// Maximum difference between two rotations of the board in its plane, degrees.
     pub turned_deg: f64,
-    /// The rms residual of the board's plane after the correction, for each scan, mm.
+    /// For each scan, the rms residual of the plane of the board after the correction, mm.
     pub residuals_mm: Vec<f64>,
 }
 
-/// Minimum number of scans, each with the board at another position: fewer give no information on a working volume.
+/// Minimum number of scans, each with the board at another position; fewer give no information on a working volume.
 pub const MIN_BOARD_POSITIONS: usize = 8;
 /// Maximum bow of a calibration board, mm.
 const MAX_BOW_MM: f64 = 0.5;
-/// Minimum share of the picture in which at least two scans show the board.
+/// Minimum fraction of the picture in which at least two scans show the board.
 const MIN_COVERED_SHARE: f64 = 0.6;
-/// Minimum ratio of the largest depth of a board to the smallest.
+/// Minimum ratio of the largest to the smallest depth of a board.
 const MIN_DEPTH_RATIO: f64 = 1.15;
-/// Minimum rotation of the board in its plane, degrees: with less, the board's bow cannot be distinguished from an
+/// Minimum rotation of the board in its plane, degrees: with less, the bow of the board cannot be distinguished from an
 /// error of the camera.
 const MIN_BOARD_ROTATION_DEG: f64 = 40.0;
-/// Limits of the smooth error, mm: beyond the first a person must look, beyond the second the camera is not used.
+/// Limits of the smooth error, mm: beyond the first a person must check, beyond the second the camera is not used.
 const SMOOTH_ERROR_LIMITS_MM: [f64; 2] = [0.3, 1.0];
 /// Maximum scale error of distances without a review, percent.
 const MAX_SCALE_PERCENT: f64 = 0.3;
-/// Maximum correlation length that a board shows, as a share of its diagonal: the plane through the board absorbs
+/// Maximum correlation length that a board can show, as a fraction of its diagonal: the plane through the board absorbs
 /// longer ones.
 const MAX_SHOWN_LENGTH_SHARE: f64 = 0.8;
 
-/// Returns the checks of all numbers that are judged.
+/// Returns the checks of all judged values.
 pub fn checks(found: &ScannerErrors) -> Vec<Check> {
     let [review_mm, reject_mm] = SMOOTH_ERROR_LIMITS_MM;
     let is_bad = found.smooth_mm > reject_mm;
@@ -243,7 +243,7 @@ pub fn checks(found: &ScannerErrors) -> Vec<Check> {
     ]
 }
 
-/// Returns the largest angle between two rotations of the board, 0 to 90°: a bow looks the same after a rotation by
+/// Returns the maximum angle between two rotations of the board, 0 to 90°: a bow looks the same after a rotation by
 /// 180°.
 fn turned_deg(views: &[PlaneView]) -> f64 {
     let between = |a: f64, b: f64| {
@@ -256,7 +256,7 @@ fn turned_deg(views: &[PlaneView]) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    //! Scans of a rendered board by a camera with known errors.
+    //! Tests with scans of a rendered board by a camera with known errors.
 
     use super::*;
     use crate::calib::Board;
@@ -270,7 +270,7 @@ mod tests {
         direction_rectangle(camera).expect("rays")
     }
 
-    /// Returns a camera's scans of a board; in some of them the board is far away and in the picture's corners.
+    /// Returns scans of a board by a camera; in some of them the board is far away and in the corners of the picture.
     fn views(seed: u64, count: usize, distortion: &ScannerDistortion) -> (Vec<PlaneView>, PinholeCamera) {
         views_at_scale(seed, count, distortion, |_| 0.0)
     }
@@ -285,7 +285,7 @@ mod tests {
         views_by(seed, count, distortion, |index, cloud| cloud.scaled_along_rays(|_| 1.0 + scale(index)))
     }
 
-    /// Returns the same scans as `views`, with this change of each scan by the camera.
+    /// Returns the scans of `views`, with this change of each scan by the camera.
     fn views_by(
         seed: u64,
         count: usize,
@@ -352,8 +352,8 @@ mod tests {
         assert!(few.contains("7 scans") && few.contains("8 are needed"), "{few}");
     }
 
-    /// A depth error that grows by 1 mm for each unit of the direction leaves boards flat: only the distances on the
-    /// boards show it.
+    /// A depth error that increases by 1 mm for each unit of the direction leaves boards flat: only the distances on
+    /// the boards show it.
     #[test]
     fn a_tilt_of_planes_is_found_by_distances() {
         let bent = ScannerDistortion::new(5, 0.0);
@@ -370,9 +370,9 @@ mod tests {
         assert!((slope_mm[0] - 1.0).abs() < 0.2 && slope_mm[1].abs() < 0.2, "{slope_mm:?}");
     }
 
-    /// Calculated by hand: alternating scale errors of 0.15 % and 0.05 % have a mean of 0.1 %, and each differs from it
-    /// by 0.05 %. The two terms of the fit absorb a part of that. The effect of the smooth error alone on distances
-    /// does not count.
+    /// Expected values, calculated by hand: alternating scale errors of 0.15 % and 0.05 % have a mean of 0.1 %, and
+    /// each differs from it by 0.05 %. The two terms of the fit absorb a part of this difference. The effect of the
+    /// smooth error alone on distances is not included.
     #[test]
     fn scale_from_scan_to_scan_is_distinguished_from_the_smooth_error() {
         let none = ScannerDistortion::new(5, 0.0);
@@ -390,9 +390,10 @@ mod tests {
         assert!(alike.iter().all(|percent| *percent < 0.02), "{alike:?}");
     }
 
-    /// The mean of the smooth error over a large area depends only on the product of its size and its length.
-    /// Calculated by hand for the simulator's 0.06 mm rms at the nodes of a lattice of 50 to 85 mm: each node counts
-    /// for one cell, so the product is 0.06 · √(mean of the cells' areas) = 0.06 · 68.2 = 4.1 mm².
+    /// The mean of the smooth error over a large area depends only on the product of its standard deviation and its
+    /// correlation length. Expected value, calculated by hand for the simulator's 0.06 mm rms at the nodes of a lattice
+    /// of 50 to 85 mm: each node represents one cell, so the product is 0.06 · √(mean of the cells' areas) = 0.06 ·
+    /// 68.2 = 4.1 mm².
     #[test]
     fn size_and_length_of_the_smooth_error_agree_with_the_simulator() {
         let none = ScannerDistortion::new(5, 0.0);

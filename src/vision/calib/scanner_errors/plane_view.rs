@@ -1,7 +1,8 @@
 //! A scan of the flat board, reduced to blocks, each with a robust mean of 1/z and the deviation of a pixel from it;
-//! and for the parts of the camera's picture, how many scans show the board there and the residuals of its plane.
+//! and for the parts of the camera's picture, the number of scans that show the board there and the residuals of its
+//! plane.
 //!
-//! A plane in front of the camera has a 1/z that is linear in (1, x, y). It is fitted by least squares.
+//! A plane in front of the camera has a 1/z that is linear in (1, x, y). The plane is fitted by least squares.
 
 use super::super::board::{Board, Corners};
 use super::super::chain::{BoardObservation, board_pose};
@@ -15,12 +16,12 @@ use panelprep_base::geometry::{
 use panelprep_base::number_text::fixed_decimals;
 use std::collections::BTreeMap;
 
-/// A block of the board's points.
+/// A block of points on the board.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Block {
-    /// The block's direction, (X/Z, Y/Z).
+    /// Direction of the block, (X/Z, Y/Z).
     pub direction: [f64; 2],
-    /// The block's position on the board, from the board's middle, mm.
+    /// Position of the block on the board, relative to the centre of the board, mm.
     pub position_mm: [f64; 2],
     /// 1/z, 1/mm.
     pub per_depth: f64,
@@ -28,15 +29,15 @@ pub struct Block {
 
 /// Number of blocks along each side of the board.
 const BLOCKS: usize = 16;
-/// Share of the outer squares that counts as part of the board, too.
+/// Fraction of the outer squares that is treated as part of the board as well.
 const OUTER_SQUARE_SHARE: f64 = 0.8;
-/// Maximum distance of a point from the board's pose, as a share of the depth; a point farther away belongs to another
+/// Maximum distance of a point from the board pose, relative to its depth; a point farther away belongs to another
 /// object.
 const MAX_DEPTH_DEVIATION_SHARE: f64 = 0.02;
-/// Maximum relative difference between the size of the squares as the 3D camera measures it and the stated size. With a
-/// larger one, the board's pose from the picture would not lie at the measured points.
+/// Maximum relative difference between the size of the squares that the 3D camera measures and the stated size. With a
+/// larger one, the board pose from the picture would not be at the measured points.
 const MAX_SQUARE_DIFFERENCE_SHARE: f64 = 0.01;
-/// Minimum number of points in a block, as a share of the usual number.
+/// Minimum number of points in a block, as a fraction of the usual number.
 const MIN_FILLED_SHARE: f64 = 0.3;
 /// Minimum number of blocks with enough points.
 const MIN_BLOCKS: usize = 40;
@@ -49,7 +50,7 @@ pub struct BoardScan<'a> {
     pub camera: &'a PinholeCamera,
     /// The board.
     pub board: &'a Board,
-    /// The board's corners in the scan's picture.
+    /// The corners of the board in the picture of the scan.
     pub corners: &'a Corners,
 }
 
@@ -60,16 +61,16 @@ pub struct PlaneView {
     pub blocks: Vec<Block>,
     /// White noise of a pixel at the reference depth, mm.
     pub white_mm: f64,
-    /// Depth of the board's middle, mm.
+    /// Depth of the centre of the board, mm.
     pub depth_mm: f64,
-    /// The board's rotation in its plane, degrees.
+    /// Rotation of the board in its plane, degrees.
     pub turn_deg: f64,
-    /// Half of the board's diagonal, mm.
+    /// Half of the diagonal of the board, mm.
     pub half_diagonal_mm: f64,
     corners: Vec<([f64; 2], Point<Camera>)>,
 }
 
-/// A point on the board.
+/// A scanned point on the board.
 struct Sample {
     direction: [f64; 2],
     position_mm: [f64; 2],
@@ -78,7 +79,7 @@ struct Sample {
 }
 
 impl PlaneView {
-    /// Returns the blocks of a scan.
+    /// Reduces a scan to blocks.
     ///
     /// # Errors
     /// If the corners give no pose, or the board has too few points.
@@ -172,8 +173,8 @@ impl PlaneView {
         100.0 * ((spread / printed).sqrt() - 1.0)
     }
 
-    /// Returns the derivative of this scan's scale with respect to each corner's depth, 1/mm. With the corners r
-    /// relative to their mean and their rays d, depth errors e change the scale by Σ e (r · d) / Σ |r|².
+    /// Returns the derivative of the scale of this scan with respect to the depth of each corner, 1/mm. With the
+    /// corners r relative to their mean and their rays d, depth errors e change the scale by Σ e (r · d) / Σ |r|².
     fn scale_depth_gradient(&self) -> impl Iterator<Item = (&[f64; 2], Vector3<f64>, f64)> {
         let (about, mean) = self.centred_corners(None);
         let squares: f64 = about.iter().map(Vector3::norm_squared).sum();
@@ -183,7 +184,7 @@ impl PlaneView {
         })
     }
 
-    /// Returns the change of this scan's scale due to a depth error of this form over the directions, percent for each
+    /// Returns the change of the scale of this scan due to a depth error of this form over the directions, percent per
     /// mm at the reference depth.
     pub fn scale_change_percent(&self, form: impl Fn([f64; 2]) -> f64) -> f64 {
         let of = |point: Vector3<f64>| {
@@ -192,8 +193,8 @@ impl PlaneView {
         100.0 * self.scale_depth_gradient().map(|(_, point, part)| of(point) * part).sum::<f64>()
     }
 
-    /// Returns the variance of this scan's scale that its smooth error and the corners' own errors explain, squared
-    /// percent. All corners in one square of the side `correlation_mm` have the same depth error.
+    /// Returns the variance of the scale of this scan that its smooth error and the errors of the corners explain,
+    /// squared percent. All corners in one square of the side `correlation_mm` have the same depth error.
     pub fn scale_variance(&self, deviation_mm: f64, correlation_mm: f64) -> f64 {
         let mut cells: BTreeMap<[i64; 2], f64> = BTreeMap::new();
         for (printed, _, part) in self.scale_depth_gradient() {
@@ -205,9 +206,9 @@ impl PlaneView {
 
     /// Returns the variance of the scale that independent errors of the corners cause. After an affine map from the
     /// printed corners to the measured ones, a remainder is left in their plane. The result is the variance of each
-    /// coordinate of this remainder divided by Σ |r|². The corners are not corrected, so that a bend of the board
-    /// counts here, too. The part that a correction does not remove differs from position to position, and would appear
-    /// as a scale that differs from scan to scan.
+    /// coordinate of this remainder divided by Σ |r|². The corners are not corrected, so a bend of the board is
+    /// included here. The part that a correction does not remove differs from position to position, and would appear as
+    /// a scale that differs from scan to scan.
     fn scale_variance_from_corners(&self) -> Option<f64> {
         let (about, _) = self.centred_corners(None);
         let printed = DMatrix::from_fn(about.len(), 3, |row, column| match column {
@@ -265,7 +266,7 @@ fn fit_robust_plane(samples: &[Sample]) -> Option<Vector3<f64>> {
     Some(found)
 }
 
-/// Returns the coefficients of 1, x and y through these values; `None` if the directions determine none.
+/// Returns the coefficients of 1, x and y through these values; `None` if the directions do not determine them.
 pub(super) fn fit_plane(values: impl IntoIterator<Item = ([f64; 2], f64)>) -> Option<Vector3<f64>> {
     let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
     for ([x, y], value) in values {
@@ -281,7 +282,7 @@ pub(super) fn value_at(plane: &Vector3<f64>, [x, y]: [f64; 2]) -> f64 {
     plane.dot(&Vector3::new(1.0, x, y))
 }
 
-/// Returns the changes of these blocks' depths due to a change of each coefficient, mm.
+/// Returns the derivatives of the depths of these blocks with respect to each coefficient of the plane, mm.
 pub(super) fn depths(blocks: &[Block]) -> DMatrix<f64> {
     DMatrix::from_fn(blocks.len(), 3, |row, column| {
         let Block { direction: [x, y], per_depth, .. } = blocks[row];
@@ -289,7 +290,7 @@ pub(super) fn depths(blocks: &[Block]) -> DMatrix<f64> {
     })
 }
 
-/// A projection that removes every linear combination of a few columns.
+/// A projection that removes every linear combination of given columns.
 pub(super) struct Projection(DMatrix<f64>);
 
 impl Projection {
@@ -298,7 +299,7 @@ impl Projection {
         Projection(columns.qr().q())
     }
 
-    /// Returns the residual of each column.
+    /// Returns the residual of each column after the projection.
     pub fn residual_of(&self, values: &DMatrix<f64>) -> DMatrix<f64> {
         values - &self.0 * (self.0.transpose() * values)
     }
@@ -311,13 +312,13 @@ impl Projection {
 
 /// Number of parts of the picture, across and down.
 const PARTS: [usize; 2] = [8, 6];
-/// Minimum number of scans in a part of the picture; fewer give no information on it.
+/// Minimum number of scans in a part of the picture; fewer give no information on this part.
 pub const MIN_SCANS: usize = 2;
 
 /// One part.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PicturePart {
-    /// The direction of the part's middle, (X/Z, Y/Z).
+    /// Direction of the centre of the part, (X/Z, Y/Z).
     pub direction: [f64; 2],
     /// Number of scans that show the board in this part.
     pub scans: usize,
@@ -334,7 +335,8 @@ pub struct PictureParts {
 }
 
 impl PictureParts {
-    /// Creates the parts of a picture with these directions; `residuals_mm` are those of the blocks of each view.
+    /// Creates the parts of a picture with these directions; `residuals_mm` contains for each view the residuals of its
+    /// blocks.
     pub(super) fn from_views(views: &[PlaneView], residuals_mm: &[Vec<f64>], over: FieldRectangle) -> Self {
         let mut scans = vec![0_usize; PARTS[0] * PARTS[1]];
         let mut sums = vec![(0.0, 0.0); scans.len()];
@@ -372,7 +374,7 @@ impl PictureParts {
         self.parts.get(part(direction, &self.rectangle)?)
     }
 
-    /// Returns the share of the parts in which enough scans show the board.
+    /// Returns the fraction of the parts in which enough scans show the board.
     pub(super) fn covered_share(&self) -> f64 {
         self.iter().filter(|part| part.has_enough_scans()).count() as f64 / self.parts.len() as f64
     }

@@ -24,8 +24,8 @@ fn print_of(board: &Board) -> BoardPrint {
     }
 }
 
-/// Returns the root mean square and the maximum of the distances of the detected corners from their true positions, px,
-/// and the number of corners.
+/// Returns the root mean square and the maximum distance of the detected corners from their true positions, px, and the
+/// number of corners.
 fn corner_error<C: Frame>(
     cell: &BoardCell,
     camera: &PinholeCamera,
@@ -118,9 +118,9 @@ fn a_grid_larger_than_the_board_is_not_accepted() {
     }
 }
 
-/// The 5×4 board in a picture of full size. If the search is for a board with more squares or with fewer, the error
-/// names the board in the picture. A part of a board is never mistaken for the whole. A search for the board with
-/// columns and rows exchanged finds the same corners.
+/// The 5×4 board in a picture of full size. If a board with more or fewer squares is searched, the error names the
+/// board in the picture. A part of a board is never mistaken for the whole. A search for the board with columns and
+/// rows exchanged finds the same corners.
 #[test]
 fn another_board_is_reported_and_a_part_is_not_accepted() {
     let board = |text: &str| Board::parse(text, 40.0).expect("a board");
@@ -141,7 +141,7 @@ fn another_board_is_reported_and_a_part_is_not_accepted() {
 }
 
 /// Calculated from synthetic corners of 14 pictures with 0.05 px of noise: the focal length is correct to 0.1 %, and a
-/// picture with shifted corners is set aside.
+/// picture with shifted corners is excluded.
 #[test]
 fn the_true_lens_is_found_and_a_bad_picture_is_set_aside() {
     let board = Board::parse("9x6", 25.0).expect("a board");
@@ -192,7 +192,7 @@ fn pictures_without_tilt_are_reviewed() {
     assert!(judged.reasons.iter().any(|reason| reason.code == "coverage"), "{judged:?}");
 }
 
-/// Renders the circles of a tilted board, light or dark, with 5 × 5 rays for each pixel.
+/// Renders the circles of a tilted board, light or dark, with 5 × 5 rays per pixel.
 fn circles(camera: &PinholeCamera, board: &Board, pose: &nalgebra::Isometry3<f64>, inks: [f64; 2]) -> GrayPicture {
     let mut picture = GrayPicture::uniform(camera.width_px, camera.height_px, 0);
     let radius_mm = 0.28 * board.square_mm();
@@ -217,8 +217,8 @@ fn circles(camera: &PinholeCamera, board: &Board, pose: &nalgebra::Isometry3<f64
     picture
 }
 
-/// Both kinds of grids, light and dark, tilted by 35°: every centre is found to a few hundredths of a pixel, in the
-/// board's order.
+/// Both kinds of grids, light and dark, tilted by 35°: every centre is located to a few hundredths of a pixel, in the
+/// order of the board.
 #[test]
 fn circles_are_found_and_located() {
     let camera = PinholeCamera {
@@ -254,7 +254,8 @@ fn circles_are_found_and_located() {
     }
 }
 
-/// Only the left half of a ChArUco board is in the picture: only its corners are found, each with the right number.
+/// Only the left half of a ChArUco board is in the picture: only the corners of this half are found, each with the
+/// right number.
 #[test]
 fn a_charuco_board_that_is_cut_off_is_read() {
     let board = Board::parse("charuco:8x6:18:4X4_50", 25.0).expect("a board");

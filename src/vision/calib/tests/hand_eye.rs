@@ -39,8 +39,8 @@ pub(super) fn on_flange(cell: &BoardCell, count: usize) -> Vec<Station<FlangeCam
     stations(cell, &cell.flange_camera(), &cell.flange_shots(count))
 }
 
-/// Returns the error at the stated point, mm, and that of the rotation, degrees; and the squared error at the point
-/// relative to its own covariance, divided by 3.
+/// Returns the error at the stated point, mm, and the error of the rotation, degrees; and the squared error at the
+/// point relative to its own covariance, divided by 3.
 fn error<A: Arrangement>(found: &HandEye<A>, truth: Rigid<A::To, A::From>) -> (f64, f64, f64) {
     let pose = found.adjustment.to_from_camera;
     let off = ((pose * found.stated_point) - (truth * found.stated_point)).mm;
@@ -70,8 +70,7 @@ fn calibrated(cell: &BoardCell, stations: &[Station<Camera>]) -> HandEye<Scanner
     hand_eye(&cell.scanner(), &board(), stations, None).expect("calibrated")
 }
 
-/// The noise is estimated, not assumed: 0.05 px of the corners, 0.02 mm and 0.005° of the robot, each within a
-/// third.
+/// The noise is estimated, not assumed: 0.05 px for the corners, 0.02 mm and 0.005° for the robot, each within a third.
 #[test]
 fn the_noise_is_estimated_from_the_residuals() {
     let cell = cell(3, GOOD_ROBOT);
@@ -81,7 +80,7 @@ fn the_noise_is_estimated_from_the_residuals() {
     assert!(near(noise.shift_mm, 0.02) && near(noise.turn_rad.to_degrees(), 0.005), "{noise:?}");
 }
 
-/// With a robot that is ten times worse, the stated uncertainty grows with the true error.
+/// With a robot that is ten times less accurate, the stated uncertainty increases with the true error.
 #[test]
 fn a_worse_robot_increases_the_stated_uncertainty() {
     let bad = RobotNoise { shift_mm: 0.5 / 3.0_f64.sqrt(), turn_deg: 0.03 };
@@ -99,7 +98,7 @@ fn a_worse_robot_increases_the_stated_uncertainty() {
 }
 
 /// An arm returns to a pose within ±0.03 mm. Among poses that are exact by chance, a pose with an error of 0.02 mm is
-/// not reported, and one with an error of 0.2 mm is.
+/// not reported, and a pose with an error of 0.2 mm is reported.
 #[test]
 fn a_pose_within_an_arms_own_scatter_is_not_wrong() {
     let cell = cell(5, RobotNoise { shift_mm: 0.0, turn_deg: 0.0 });
@@ -133,7 +132,7 @@ fn the_stated_region_contains_the_true_value() {
 }
 
 /// Comparison with a finite difference: a lens whose principal point is wrong by 0.2 px shifts the mount by the amount
-/// that the covariance of this one error predicts.
+/// that the covariance of this error predicts.
 #[test]
 fn a_wrong_lens_shifts_the_mount_as_predicted() {
     let cell = cell(4, GOOD_ROBOT);
@@ -245,7 +244,7 @@ fn the_suggested_pose_reduces_the_uncertainty() {
     }
 }
 
-/// The 3D camera's own points give the same mount, from independent data.
+/// The points of the 3D camera give the same mount, from independent data.
 #[test]
 fn measured_points_give_a_second_result() {
     let cell = cell(9, GOOD_ROBOT);

@@ -1,4 +1,5 @@
-//! Lenses from synthetic corners: the calibration finds the parameters that the data support, and claims no others.
+//! Tests of lenses with synthetic corners: the calibration determines the parameters that the data support, and no
+//! others.
 
 use crate::calib::detect::Corners;
 use crate::calib::intrinsics::{LensModel, Options, View, calibrate};
@@ -24,8 +25,8 @@ pub(super) const LENS: PinholeCamera = PinholeCamera {
     k3: 0.0,
 };
 
-/// Returns pictures of a board of 12×9 corners. The distance of the board's middle from the picture's middle is limited
-/// to this share of the picture.
+/// Returns pictures of a board of 12×9 corners. The distance between the centre of the board and the centre of the
+/// picture is limited to the fraction `spread` of the picture.
 pub(super) fn pictures(lens: &PinholeCamera, seed: u64, count: usize, spread: f64, depth_mm: f64) -> Vec<View> {
     let board = Board::parse("12x9", 30.0).expect("a board");
     let middle = board.centre().mm.coords;
@@ -57,9 +58,9 @@ pub(super) fn size(lens: &PinholeCamera) -> (usize, usize) {
     (lens.width_px, lens.height_px)
 }
 
-/// A board that stays in the middle of the picture gives no information about the rim. Every model, even the one with
-/// the most parameters, has a ray for each pixel. The chosen model has only parameters that the data from the middle
-/// determine, and the calibrated part of the picture lies around the middle.
+/// A board that stays in the centre of the picture gives no information about the rim. Every model, even the one with
+/// the most parameters, has a ray for each pixel. The selected model has only parameters that the data from the centre
+/// determine, and the calibrated part of the picture is around the centre.
 #[test]
 fn a_board_in_the_middle_gives_a_lens_that_is_known_in_the_middle() {
     let lens = PinholeCamera { k1: -0.12, k2: 0.1, ..LENS };
@@ -86,8 +87,8 @@ fn a_board_in_the_middle_gives_a_lens_that_is_known_in_the_middle() {
     }
 }
 
-/// From pictures over the whole frame, the true model is chosen; coefficients that it does not contain are left out for
-/// all but a few seeds.
+/// From pictures over the whole frame, the true model is selected; for all but a few seeds, coefficients that it does
+/// not contain are omitted.
 #[test]
 fn the_data_choose_the_model() {
     let lenses = [
@@ -109,7 +110,7 @@ fn the_data_choose_the_model() {
     }
 }
 
-/// 90 to 99 % of the corners of new pictures lie within the distance that the left-out pictures predict.
+/// 90 to 99 % of the corners of new pictures are within the distance that the left-out pictures predict.
 #[test]
 fn new_pictures_lie_within_the_stated_error() {
     let cell = BoardCell::new(1, BoardPrint::chessboard(9, 6, 25.0), RobotNoise { shift_mm: 0.0, turn_deg: 0.0 });
@@ -133,8 +134,8 @@ fn new_pictures_lie_within_the_stated_error() {
     assert!((0.90..=0.99).contains(&share), "{share}");
 }
 
-/// Calculated by hand: a board of 200 mm that bows as z = 1.5 · (x/100 − 1)² mm is 1.5 mm lower in its middle than
-/// at its ends.
+/// Expected value, calculated by hand: a board of 200 mm that bows as z = 1.5 · (x/100 − 1)² mm is 1.5 mm lower in its
+/// centre than at its ends.
 #[test]
 fn a_bowed_board_is_reported_and_a_flat_one_is_not() {
     let robot = RobotNoise { shift_mm: 0.0, turn_deg: 0.0 };

@@ -1,4 +1,4 @@
-//! Calibrations compared with known true values: synthetic corners for statistics, rendered boards for detection.
+//! Tests of calibrations against known true values: synthetic corners for statistics, rendered boards for detection.
 
 mod boards;
 mod hand_eye;

@@ -1,4 +1,4 @@
-//! Arms with their own errors: the estimated errors are compared with the true values.
+//! Tests of the calibration of arms with known errors: the estimated errors are compared with the true values.
 
 use crate::calib::arm_errors::{ARM_NUMBERS, AxisFault, base_from_flange, prior_std};
 use crate::calib::gate;
@@ -16,8 +16,8 @@ fn normal(random: &mut Pcg64) -> f64 {
     (0..12).map(|_| random.random::<f64>()).sum::<f64>() - 6.0
 }
 
-/// A KR 6 with zero errors up to 0.05°, twists up to 0.03°, lengths up to 0.4 mm and a sag of up to 0.3 mm. The data
-/// are 40 pictures of both cameras and touches of two spots.
+/// A KR 6 with zero errors of up to 0.05°, twists of up to 0.03°, lengths of up to 0.4 mm and a sag of up to 0.3 mm.
+/// The data are 40 pictures of both cameras and touches of two spots.
 struct Simulated {
     data: RobotData,
     errors: [f64; ARM_NUMBERS],
@@ -37,7 +37,7 @@ fn simulated(seed: u64, count: usize) -> Simulated {
     });
     let turn = |x: f64, y: f64, z: f64| UnitQuaternion::from_scaled_axis(Vector3::new(x, y, z));
     let iso = |x, y, z, r| Isometry3::from_parts(Translation3::new(x, y, z), r);
-    // One rig has a fixed camera above the panel and a board on the flange; the other a camera on the flange and a
+    // One rig has a fixed camera above the panel and a board on the flange; the other has a camera on the flange and a
     // board on the table.
     let rigs = [
         Rig {
@@ -119,7 +119,7 @@ fn simulated(seed: u64, count: usize) -> Simulated {
     Simulated { data: RobotData { geometry, rigs: started.collect(), views, touches }, errors, tip }
 }
 
-/// Finds axis angles, near a start, at which the true tip is at a spot: Newton with the first three axes.
+/// Finds axis angles, near a start, at which the true tip is at a spot: Newton's method with the first three axes.
 fn solve_axis_angles(
     geometry: &panelprep_cell::cell::ArmGeometry,
     errors: &[f64; ARM_NUMBERS],
@@ -149,8 +149,8 @@ fn solve_axis_angles(
     None
 }
 
-/// Returns the distance of the corrected tip from the position at which the scanner's camera sees the spot, for spots
-/// over a panel of 360 × 260 mm.
+/// Returns the distance between the corrected tip and the spot as the scanner camera sees it, for spots over a panel of
+/// 360 × 260 mm.
 fn contact_errors_mm(simulated: &Simulated, found: &RobotFound, corrected: bool) -> Vec<(f64, f64)> {
     let geometry = &simulated.data.geometry;
     let truth = Isometry3::from_parts(
@@ -179,7 +179,7 @@ fn contact_errors_mm(simulated: &Simulated, found: &RobotFound, corrected: bool)
 #[test]
 fn the_kinematics_agree_with_the_controller() {
     let arm = Cell::check("f", "").unwrap_or_else(|problems| panic!("{problems}")).arm().geometry().to_owned();
-    // Calculated by hand, the KR 6 with axes 2 and 3 at −90° and 90°: upper arm up, forearm ahead.
+    // Expected pose of the KR 6 with axes 2 and 3 at −90° and 90°, calculated by hand: upper arm up, forearm ahead.
     let joints = Joints { a2_deg: -90.0, a3_deg: 90.0, ..Joints::default() };
     let flange = base_from_flange(&arm, &joints, &[0.0; ARM_NUMBERS]).origin().mm;
     assert!(
@@ -188,8 +188,8 @@ fn the_kinematics_agree_with_the_controller() {
     );
 }
 
-/// The correction removes most of an arm's error over the whole panel. From data without axis angles, it removes a part
-/// of the error.
+/// The correction removes most of the error of an arm over the whole panel. From data without axis angles, it removes a
+/// part of the error.
 #[test]
 fn an_arm_s_own_errors_are_found() {
     for seed in 1..=3 {
@@ -227,8 +227,8 @@ fn an_arm_s_own_errors_are_found() {
     }
 }
 
-/// If the arm is nearly good and a correction removes less than a tenth of the error, the arm needs no correction. If
-/// the arm is worse and a correction removes as little, the data do not determine a correction.
+/// If the arm is nearly accurate and a correction removes less than 10 % of the error, the arm needs no correction. If
+/// the arm is less accurate and a correction removes no more, the data do not determine a correction.
 #[test]
 fn an_arm_that_no_correction_improves_needs_none() {
     let found = calibrate(&simulated(1, 40).data).expect("an arm");
@@ -243,7 +243,7 @@ fn an_arm_that_no_correction_improves_needs_none() {
     assert_eq!(judged(0.10, f64::NAN), (false, Verdict::Reject));
 }
 
-/// Each fault of the axis angles is named, with and without the controller's poses.
+/// Each error of the axis angles is named, with and without the poses of the controller.
 #[test]
 fn exchanged_axes_and_wrong_signs_are_named() {
     let simulated = simulated(4, 24);

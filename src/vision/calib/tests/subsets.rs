@@ -1,4 +1,4 @@
-//! More good data never make a verdict worse: the tests use random subsets of pictures with the noise of real ones;
+//! Tests that additional good data never make a verdict worse: random subsets of pictures with the noise of real ones;
 //! each subset is contained in the next.
 
 use super::hand_eye::{GOOD_ROBOT, board, cell};
@@ -24,7 +24,7 @@ fn rank(verdict: Verdict) -> usize {
     [Verdict::Accept, Verdict::Review, Verdict::Reject].iter().position(|one| *one == verdict).unwrap_or(3)
 }
 
-/// Asserts that the verdicts of growing sets never become worse; returns the number of largest sets that are accepted.
+/// Asserts that the verdicts of growing subsets never become worse; returns the number of accepted largest subsets.
 fn never_worse(what: &str, judged: &[(Verdict, String)]) -> usize {
     for pair in judged.windows(2) {
         assert!(rank(pair[1].0) <= rank(pair[0].0), "{what}: {judged:?}");
@@ -32,7 +32,7 @@ fn never_worse(what: &str, judged: &[(Verdict, String)]) -> usize {
     usize::from(judged.last().is_some_and(|last| last.0 == Verdict::Accept))
 }
 
-/// Returns stations whose noise differs from picture to picture by up to a factor of 4, as that of real ones does.
+/// Returns stations whose noise differs from picture to picture by up to a factor of 4, as in real pictures.
 fn stations<C: Frame>(
     (cell, camera): (&BoardCell, &PinholeCamera),
     shots: &[BoardShot<C>],
@@ -105,8 +105,8 @@ fn more_pictures_never_make_a_lens_worse() {
     assert!(accepted >= 4, "{accepted} of 6 lenses are accepted in the end: {words:?}");
 }
 
-/// A verification over the volume is as bad as its worst picture. No good picture is set aside or judged to show
-/// another board, and none exceeds the default limit.
+/// The error of a verification over the volume is the error of its worst picture. No good picture is excluded or judged
+/// to show another board, and no error exceeds the default limit.
 #[test]
 fn more_pictures_never_make_a_verification_worse() {
     // The default of `verify_limit_mm`.

@@ -1,4 +1,4 @@
-//! Inputs with one mistake each: none is accepted, and the message names each mistake.
+//! Tests with inputs that contain one error each: none is accepted, and the message names each error.
 
 use super::hand_eye::{GOOD_ROBOT, board, cell, fixed, on_flange};
 use crate::calib::gate::PoseSource;
@@ -9,8 +9,8 @@ use panelprep_base::geometry::{Base, Flange, KukaPose, PinholeCamera, Pixel, Poi
 use panelprep_base::verdict::{Judgement, Verdict};
 use panelprep_cell::cell::{FlangeCameraMount, ScannerMount};
 
-/// Returns the gate's judgement of these stations, with the rough mount that a person measured; an error is returned
-/// as its text.
+/// Returns the judgement of these stations, with the rough mount that a person measured; an error is returned as its
+/// text.
 fn judged<A: Arrangement>(
     camera: &PinholeCamera,
     stations: &[Station<A::From>],
@@ -54,7 +54,7 @@ fn with_turn(pose: &Isometry3<f64>, rotation: UnitQuaternion<f64>) -> Isometry3<
     Isometry3::from_parts(pose.translation, rotation)
 }
 
-/// Mistakes in the notation of correct poses, each with a text that the message must contain.
+/// Errors in the notation of correct poses, each with a text that the message must contain.
 const CHANGES: [Change; 10] = [
     ("inverted", "flange_from_base", Isometry3::inverse),
     ("A and C exchanged", "A and C are exchanged", |pose| {
@@ -146,7 +146,7 @@ fn shifted_mirrored_and_other_mounts_are_named() {
         .collect();
     let mirrored = words(&judged::<ScannerMount>(&camera, &mirrored, None));
     assert!(mirrored.contains("mirrored"), "{mirrored}");
-    // The poses of a fixed camera with `--mount eye-in-hand`: the frames in the type are then not the true ones.
+    // The poses of a fixed camera with `--mount eye-in-hand`: the frames of the type are then not the true ones.
     let other: Vec<Station<panelprep_base::geometry::FlangeCamera>> = stations
         .iter()
         .map(|station| {
@@ -162,7 +162,7 @@ fn shifted_mirrored_and_other_mounts_are_named() {
     assert!(other.contains("--mount is wrong: these poses"), "{other}");
 }
 
-/// A reported case: the true side of the squares is 25.00 mm, the stated one 24.9 mm. The measured side is 25.00 mm
+/// A reported case: the true side of the squares is 25.00 mm, the stated side 24.9 mm. The measured side is 25.00 mm
 /// within hundredths, and the mount is rejected. The same applies if the stated side is 2.5, 24.5 or 29 mm.
 #[test]
 fn squares_of_another_size_are_measured_and_rejected() {
@@ -213,8 +213,8 @@ fn a_lens_of_another_focal_length_is_rejected() {
     }
 }
 
-/// Poses in a base frame or of a tool fit as well as correct ones: without a rough mount the verdict is review,
-/// with one it is reject.
+/// Poses in a base frame or of a tool match as well as correct ones: without a rough mount the verdict is review, with
+/// a rough mount it is reject.
 #[test]
 fn poses_in_a_base_or_of_a_tool_are_reviewed_without_a_rough_mount() {
     let cell = cell(13, GOOD_ROBOT);
@@ -231,7 +231,8 @@ fn poses_in_a_base_or_of_a_tool_are_reviewed_without_a_rough_mount() {
     assert_eq!(without.as_ref().map(|judged| judged.verdict), Ok(Verdict::Review), "{}", words(&without));
 }
 
-/// Calculated by hand: the stated side is 25 mm, and the robot's lengths are a thousandth of the board's.
+/// Expected value, calculated by hand: the stated side is 25 mm, and the lengths of the robot are a thousandth of the
+/// board's.
 #[test]
 fn a_factor_of_lengths_identifies_the_unit() {
     let metres = PoseInterpretation::Lengths { ratio: 1e-3, square_mm: 25.0 }.to_string();
