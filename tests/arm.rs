@@ -4,7 +4,7 @@
 use crate::boards::Side;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use panelprep::calib::Board;
-use panelprep::calib::arm_errors::{ARM_NUMBERS, base_from_flange, prior_std};
+use panelprep::calib::arm_errors::{ARM_PARAMETER_COUNT, base_from_flange, prior_std};
 use panelprep::cell::{Arm, Cell, CorrectionNumbers, FlangeCameraMount, Intrinsics, RobotCorrection, ScannerMount};
 use panelprep::files::write_gray_png;
 use panelprep::geometry::{Base, Flange, Joints, Point, Rigid};
@@ -37,8 +37,8 @@ fn panelprep(folder: &Path, arguments: &str) -> (i32, Value, String) {
     (output.status.code().expect("an exit code"), object, words)
 }
 
-/// Returns an arm with errors up to the typical size, and the parameters of these errors.
-fn wrong_arm(seed: u64) -> (Arm, [f64; ARM_NUMBERS]) {
+/// Returns an arm with errors up to the usual size, and its parameters.
+fn wrong_arm(seed: u64) -> (Arm, [f64; ARM_PARAMETER_COUNT]) {
     let arm = Cell::check("cell.toml", "").unwrap_or_else(|problems| panic!("{problems}")).arm().clone();
     let mut random = Pcg64::seed_from_u64(seed);
     let errors = std::array::from_fn(|index| match index {
@@ -62,7 +62,7 @@ fn list(joints: &Joints) -> String {
 fn pictures<A: Side>(
     folder: &Path,
     cell: &BoardCell,
-    (arm, errors): (&Arm, &[f64; ARM_NUMBERS]),
+    (arm, errors): (&Arm, &[f64; ARM_PARAMETER_COUNT]),
     (name, is_on_flange): (&str, bool),
 ) {
     let (camera, truth) = (A::camera(cell), *A::truth(cell).isometry());
@@ -94,9 +94,8 @@ fn pictures<A: Side>(
         .expect("written");
 }
 
-/// Returns the touches file for corners of the fixed board, touched by the real arm, each with another orientation of
-/// the tool.
-fn touches(cell: &BoardCell, (arm, errors): (&Arm, &[f64; ARM_NUMBERS])) -> String {
+/// Returns the touches of corners of the fixed board by the real arm, each with another orientation of the tool.
+fn touches(cell: &BoardCell, (arm, errors): (&Arm, &[f64; ARM_PARAMETER_COUNT])) -> String {
     let board = Board::parse("9x6", 25.0).expect("a board");
     let tip = Point::<Flange>::at(TIP_MM[0], TIP_MM[1], TIP_MM[2]);
     let mut text = String::new();
@@ -208,7 +207,7 @@ fn with_flange(poses: &str, arm: &Arm) -> String {
         let Some(list) = line.strip_prefix("axes_deg = [") else { return format!("{line}\n") };
         let all: Vec<f64> = list.trim_end_matches(']').split(", ").map(|n| n.parse().expect("a number")).collect();
         let joints = Joints::from(<[f64; 6]>::try_from(all).expect("six axes"));
-        let flange = base_from_flange(arm.geometry(), &joints, &[0.0; ARM_NUMBERS]);
+        let flange = base_from_flange(arm.geometry(), &joints, &[0.0; ARM_PARAMETER_COUNT]);
         let panelprep::geometry::KukaPose { x_mm, y_mm, z_mm, a_deg, b_deg, c_deg } =
             panelprep::geometry::KukaPose::from_rigid(&flange);
         format!(

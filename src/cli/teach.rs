@@ -16,7 +16,7 @@ use panelprep_cell::panel::{LearnError, OffPanel, TaughtPanel, TaughtSource};
 use panelprep_cell::recipe::Recipe;
 use panelprep_service::report::{self, PanelOverlay};
 use panelprep_store::store::{TaughtCorner, TeachingInputs};
-use panelprep_vision::inspect::{Demands, Footprint, too_coarse};
+use panelprep_vision::inspect::{Demands, Footprint, coarse_resolution_reason};
 use panelprep_vision::locate::{self, gate};
 use serde_json::json;
 use std::error::Error;
@@ -73,7 +73,7 @@ pub fn run(args: &Teach, common: &Common) -> Result<Outcome, Fault> {
     let cut = taught.panel.box_cut(recipe.locate()).map(|cut| cut.reason());
     let outside = drawn.iter().flat_map(ViewedDrawing::reasons);
     let review: Vec<Reason> = off
-        .chain(too_coarse(limit_mm2, min_break_mm2))
+        .chain(coarse_resolution_reason(limit_mm2, min_break_mm2))
         .chain(cut)
         .chain(outside)
         .chain(held.reasons(&recipe))
@@ -238,7 +238,7 @@ fn report_constraint(
     // A drawing contains no fixture, so there is no advice about the fixture.
     let is_drawn = matches!(taught.panel.reference, TaughtSource::Drawing);
     let fit = found.as_ref().ok().filter(|_| !is_drawn);
-    let at_teaching = outline.as_ref().map_or(Vec::new(), |outline| gate::teaching_warnings(outline, fit));
+    let at_teaching = outline.as_ref().map_or(Vec::new(), |outline| gate::teaching_checks(outline, fit));
     let unwatched = is_drawn.then(|| {
         "the drawing contains no fixture, so a motion of the camera is not detected; run `panelprep calibrate verify` each day".to_owned()
     });
@@ -293,13 +293,13 @@ fn report_outline_evidence(seen: &locate::OutlineEvidence, outcome: &mut Outcome
 
 fn report_camera_check(fit: &locate::Fit, outcome: &mut Outcome) {
     let uncertainty_mm = fit.camera.map(|camera| camera.uncertainty_mm);
-    let noticed_mm = uncertainty_mm.map(gate::noticed_mm);
-    if let Some(mm) = noticed_mm {
+    let detectable_displacement_mm = uncertainty_mm.map(gate::detectable_displacement_mm);
+    if let Some(mm) = detectable_displacement_mm {
         outcome.add_line(format!(
             "a motion of the camera is detected at the fixture if the motion shifts the panel's pose by {mm:.2} mm or more"
         ));
     }
-    outcome.add_value("camera_noticed_mm", json!(noticed_mm));
+    outcome.add_value("camera_noticed_mm", json!(detectable_displacement_mm));
 }
 
 /// Draws the taught panel on its picture.

@@ -14,7 +14,7 @@ mod true_arm;
 use goal::Figure;
 use nalgebra::{Isometry3, Matrix3, Point3, Translation3, UnitQuaternion, Vector3};
 use panelprep::calib::Board;
-use panelprep::calib::arm_errors::{ARM_NUMBERS, AxisFault, base_from_flange};
+use panelprep::calib::arm_errors::{ARM_PARAMETER_COUNT, AxisFault, base_from_flange};
 use panelprep::calib::detect::Corners;
 use panelprep::calib::robot::{
     ArmPose, ArmTouch, ArmView, Correction, Rig, RigKind, RobotData, RobotFound, TouchTarget, calibrate,
@@ -59,7 +59,7 @@ fn lens(width_px: usize, height_px: usize, f_px: f64) -> PinholeCamera {
 }
 
 fn pose_of(geometry: &ArmGeometry, joints: Joints) -> ArmPose {
-    let base_from_flange = base_from_flange(geometry, &joints, &[0.0; ARM_NUMBERS]);
+    let base_from_flange = base_from_flange(geometry, &joints, &[0.0; ARM_PARAMETER_COUNT]);
     ArmPose { joints: Some(joints), base_from_flange }
 }
 

@@ -164,7 +164,7 @@ fn touches(args: &Args, file: &Path, data: &RobotData, cameras: &[PinholeCamera]
 }
 
 fn arm_pose(stated: &files::StatedPose, geometry: &ArmGeometry) -> ArmPose {
-    let drawn = |joints| arm_errors::base_from_flange(geometry, joints, &[0.0; arm_errors::ARM_NUMBERS]);
+    let drawn = |joints| arm_errors::base_from_flange(geometry, joints, &[0.0; arm_errors::ARM_PARAMETER_COUNT]);
     match *stated {
         files::StatedPose::Flange(base_from_flange) => ArmPose { joints: None, base_from_flange },
         files::StatedPose::Axes(joints) => ArmPose { joints: Some(joints), base_from_flange: drawn(&joints) },
@@ -258,7 +258,7 @@ fn report_result(outcome: &mut Outcome, found: &RobotFound, aside: &[(String, St
     });
     outcome.add_value("parameters", numbers.collect());
     let (determined_numbers, undetermined): (Vec<_>, Vec<_>) =
-        found.numbers.iter().partition(|number| number.remaining_share < robot_next::DETERMINED_SHARE);
+        found.numbers.iter().partition(|number| number.remaining_share < robot_next::MAX_DETERMINED_STD_RATIO);
     for number in &determined_numbers {
         outcome.add_line(format!("  {} {:.4} ± {:.4}", number.name, number.value, number.uncertainty));
     }
@@ -400,7 +400,8 @@ fn reachable_postures(
     let is_inside = cell.limits().workspace().is_none_or(|workspace| workspace.contains(*base_from_flange * tip));
     let ways = if is_inside { reach::postures(arm, base_from_flange, tip) } else { Vec::new() };
     let drawn = |joints: Joints| {
-        let flange = arm_errors::base_from_flange(cell.arm().geometry(), &joints, &[0.0; arm_errors::ARM_NUMBERS]);
+        let flange =
+            arm_errors::base_from_flange(cell.arm().geometry(), &joints, &[0.0; arm_errors::ARM_PARAMETER_COUNT]);
         ArmPose { joints: Some(joints), base_from_flange: flange }
     };
     ways.into_iter().map(drawn).collect()

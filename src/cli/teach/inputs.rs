@@ -23,7 +23,7 @@ use panelprep_interfaces::page::drawing::{self, DrawingSheet, canvas};
 use panelprep_sim as sim;
 use panelprep_sim::PanelPosition;
 use panelprep_store::store::TaughtCorner;
-use panelprep_vision::nominal::{NominalError, Part, PartEdges, PartRays, PartView, UnseenShares};
+use panelprep_vision::nominal::{NominalError, Part, PartEdges, PartRays, PartView, UnseenFractions};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 
@@ -53,8 +53,8 @@ pub struct ViewedDrawing {
     is_closed: bool,
     facet_error_mm: f64,
     residual_mm: Option<f64>,
-    not_seen: UnseenShares,
-    /// Whether the drawing reaches the border of the picture.
+    not_seen: UnseenFractions,
+    /// Whether the part reaches the rim of the picture.
     reaches_rim: bool,
 }
 
@@ -107,7 +107,7 @@ impl ViewedDrawing {
             set_region(args, &recipe, region_px(&corners, &scan, &camera)?)?;
         }
         let is_closed = edges.borders.is_empty();
-        let not_seen = UnseenShares::find(&rays, &camera, is_closed);
+        let not_seen = UnseenFractions::find(&rays, &camera, is_closed);
         let corners = match spare {
             Some(part) => corners(args, cell, (&part, &base_from_drawing), &recipe)?,
             None => vec![],

@@ -10,7 +10,8 @@ use panelprep_base::verdict::{Judgement, Reason};
 use panelprep_cell::imaging::ImagingError;
 use panelprep_cell::panel::TaughtPanel;
 use panelprep_vision::locate::explain::{
-    ERROR_SCALE, Explained, FixtureMark, MAX_FIXTURE_SHIFT_PX, MIN_SATURATED_LEVEL, OutlineMark, SurfaceMark,
+    ERROR_DISPLAY_SCALE, EvidenceMarks, FixtureMark, MAX_FIXTURE_SHIFT_PX, MIN_SATURATED_LEVEL, OutlineMark,
+    SurfaceMark,
 };
 use panelprep_vision::locate::{self, Fit};
 
@@ -95,7 +96,7 @@ pub struct ReasonPicture {
 pub fn reason_pictures(
     panel: &TaughtPanel,
     (picture, seen): (&ColorPicture, &locate::ScanView<'_>),
-    (explained, fit): (&Explained, Option<&Fit>),
+    (explained, fit): (&EvidenceMarks, Option<&Fit>),
     judgement: &Judgement,
 ) -> Vec<ReasonPicture> {
     let place = fit.map_or(panel.nominal_pose, |fit| fit.base_from_panel);
@@ -125,7 +126,7 @@ impl PanelOverlay<'_> {
     fn draw_reason(
         &self,
         panel: &TaughtPanel,
-        (explained, fit): (&Explained, Option<&Fit>),
+        (explained, fit): (&EvidenceMarks, Option<&Fit>),
         reason: &Reason,
     ) -> Option<(Drawn, &'static str)> {
         if let Some(dots) = DOT_REASONS.iter().find(|dots| dots.codes.contains(&&*reason.code)) {
@@ -185,7 +186,7 @@ impl PanelOverlay<'_> {
     }
 
     /// Draws dots and the outline over the picture.
-    fn draw_dots(&self, panel: &TaughtPanel, explained: &Explained, dots: &DotReason) -> Drawn {
+    fn draw_dots(&self, panel: &TaughtPanel, explained: &EvidenceMarks, dots: &DotReason) -> Drawn {
         let full = FULL_COLOR_MM.to_string();
         let words: Vec<String> = dots.legend.iter().map(|(_, words)| words.replace("{full}", &full)).collect();
         let legend: Vec<(InkColor, &str)> =
@@ -194,7 +195,11 @@ impl PanelOverlay<'_> {
     }
 
     /// Returns the picture with dots on the marked places of the taught surface.
-    fn draw_reason_dots(&self, explained: &Explained, ink: fn(SurfaceMark) -> Option<InkColor>) -> ColorPicture {
+    fn draw_reason_dots(
+        &self,
+        explained: &EvidenceMarks,
+        ink: fn(SurfaceMark) -> Option<InkColor>,
+    ) -> ColorPicture {
         let mut picture = self.picture.clone();
         for (pixel, mark) in &explained.surface {
             if let Some(ink) = ink(*mark) {
@@ -208,7 +213,7 @@ impl PanelOverlay<'_> {
     fn draw_marks(
         &self,
         panel: &TaughtPanel,
-        explained: &Explained,
+        explained: &EvidenceMarks,
         legend: &[(InkColor, &str)],
     ) -> Result<ColorPicture, ImagingError> {
         let mut canvas = Canvas::from_picture(self.picture)?;
@@ -223,7 +228,7 @@ impl PanelOverlay<'_> {
         &self,
         picture: ColorPicture,
         panel: &TaughtPanel,
-        explained: &Explained,
+        explained: &EvidenceMarks,
         legend: &[(InkColor, &str)],
     ) -> Result<ColorPicture, ImagingError> {
         let mut canvas = Canvas::from_picture(&picture)?;
@@ -263,7 +268,7 @@ impl PanelOverlay<'_> {
             .finish()
     }
 
-    fn draw_fixture(&self, explained: &Explained) -> Result<ColorPicture, ImagingError> {
+    fn draw_fixture(&self, explained: &EvidenceMarks) -> Result<ColorPicture, ImagingError> {
         let mut picture = self.picture.clone();
         // The edges lie close together, so rims or crosses would hide their colours.
         let side_px = usize::try_from(4 * self.line_px()).unwrap_or(4) + 1;
@@ -287,7 +292,7 @@ impl PanelOverlay<'_> {
     fn draw_least_certain_direction(
         &self,
         panel: &TaughtPanel,
-        explained: &Explained,
+        explained: &EvidenceMarks,
     ) -> Result<ColorPicture, ImagingError> {
         let mut canvas = Canvas::from_picture(self.picture)?;
         let pen = |ink| PenWidth { ink, width_px: self.line_px() };
@@ -297,7 +302,7 @@ impl PanelOverlay<'_> {
             canvas.polyline(&[*from, *to], false, pen(InkColor::VERMILLION))?;
         }
         canvas.polyline(&found, true, pen(InkColor::ORANGE))?;
-        let meaning = format!("shifted by the pose error (95 %), drawn {ERROR_SCALE:.0} times larger");
+        let meaning = format!("shifted by the pose error (95 %), drawn {ERROR_DISPLAY_SCALE:.0} times larger");
         self.cropped_with_scale(
             canvas,
             panel,
@@ -348,7 +353,7 @@ impl PanelOverlay<'_> {
         ends.first().map_or(Ok(()), |corner| canvas.cross(*corner, f64::from(pen.width_px) * 8.0, pen))
     }
 
-    fn draw_objects(&self, explained: &Explained) -> Result<ColorPicture, ImagingError> {
+    fn draw_objects(&self, explained: &EvidenceMarks) -> Result<ColorPicture, ImagingError> {
         let mut picture = self.picture.clone();
         let mut legend = Vec::new();
         for ((area_mm2, places), ink) in explained.objects_in_box.iter().zip(OBJECT_COLORS) {

@@ -45,12 +45,12 @@ pub struct Noise {
     pub shift_mm: f64,
 }
 
-const NOISE_FLOOR: Noise = Noise { corner: 1e-4, turn_rad: 2e-7, shift_mm: 1e-4 };
-const NOISE_START: Noise = Noise { corner: 0.2, turn_rad: 3e-4, shift_mm: 0.1 };
+const MIN_NOISE: Noise = Noise { corner: 1e-4, turn_rad: 2e-7, shift_mm: 1e-4 };
+const START_NOISE: Noise = Noise { corner: 0.2, turn_rad: 3e-4, shift_mm: 0.1 };
 const MAX_STEPS: usize = 200;
 /// Minimum number of iterations after which the adjustment may end when camera and board no longer move, although the
 /// noise estimate still changes slowly.
-const SUFFICIENT_STEPS: usize = 60;
+const SUFFICIENT_ITERATIONS: usize = 60;
 /// Maximum motion of camera and board in the last iteration, mm and mrad.
 const CONVERGENCE_TOLERANCE: f64 = 1e-7;
 
@@ -61,7 +61,7 @@ pub struct MountAdjustment<A: Arrangement> {
     pub to_from_camera: Rigid<A::To, A::From>,
     /// The pose of the board on its holder.
     pub holder_from_board: Rigid<A::Holder, Board>,
-    /// The estimated noise.
+    /// The noise of corners and flange poses, estimated from the residuals.
     pub noise: Noise,
     /// Number of residuals beyond those that the unknowns can absorb: a measure of the accuracy of the noise estimate.
     pub redundancy: f64,
@@ -129,7 +129,7 @@ pub(super) fn adjust<A: Arrangement>(
         board: *start.1.isometry(),
         deviations: vec![Isometry3::identity(); stations.len()],
     };
-    let mut noise = given.unwrap_or(NOISE_START);
+    let mut noise = given.unwrap_or(START_NOISE);
     for index in 1..=MAX_STEPS {
         let mut grams = Vec::with_capacity(stations.len());
         for (station, deviation) in stations.iter().zip(&state.deviations) {
@@ -147,7 +147,7 @@ pub(super) fn adjust<A: Arrangement>(
             && steady(noise.shift_mm, estimated.shift_mm);
         // A few poses hardly determine a small noise of the robot: its estimate still changes slowly when camera and
         // board no longer move.
-        let settled = moved < CONVERGENCE_TOLERANCE && (is_steady || index >= SUFFICIENT_STEPS);
+        let settled = moved < CONVERGENCE_TOLERANCE && (is_steady || index >= SUFFICIENT_ITERATIONS);
         noise = estimated;
         if settled {
             return Ok(MountAdjustment {
@@ -234,8 +234,8 @@ impl Step {
         let [turn, shift] = self.redundancies(noise);
         let counts =
             |sigma: f64, floor: f64, redundancy: f64| if sigma > 1.5 * floor { redundancy } else { f64::INFINITY };
-        let least = counts(noise.turn_rad, NOISE_FLOOR.turn_rad, turn)
-            .min(counts(noise.shift_mm, NOISE_FLOOR.shift_mm, shift))
+        let least = counts(noise.turn_rad, MIN_NOISE.turn_rad, turn)
+            .min(counts(noise.shift_mm, MIN_NOISE.shift_mm, shift))
             .min(6.0 * self.stations as f64 - 12.0);
         least.max(1.0)
     }
@@ -253,9 +253,9 @@ impl Step {
         // The change is limited: otherwise one bad start moves a component to a value from which it cannot return.
         let bounded = |new: f64, old: f64, floor: f64| new.sqrt().clamp(0.2 * old, 5.0 * old).max(floor);
         Noise {
-            corner: bounded(square / corners, noise.corner, NOISE_FLOOR.corner),
-            turn_rad: bounded(turns / turn, noise.turn_rad, NOISE_FLOOR.turn_rad),
-            shift_mm: bounded(shifts / shift, noise.shift_mm, NOISE_FLOOR.shift_mm),
+            corner: bounded(square / corners, noise.corner, MIN_NOISE.corner),
+            turn_rad: bounded(turns / turn, noise.turn_rad, MIN_NOISE.turn_rad),
+            shift_mm: bounded(shifts / shift, noise.shift_mm, MIN_NOISE.shift_mm),
         }
     }
 }

@@ -19,11 +19,11 @@ pub use panelprep_cell::cell::SMOOTH_PARAMETER_COUNT;
 use panelprep_cell::cell::{ArmGeometry, CorrectionNumbers};
 
 /// Number of error parameters of an arm: six after each of the first five axes, and the sag of axes 2 and 3.
-pub const ARM_NUMBERS: usize = panelprep_cell::cell::GEOMETRY_NUMBERS;
+pub const ARM_PARAMETER_COUNT: usize = panelprep_cell::cell::GEOMETRY_NUMBERS;
 
 /// Returns the usual standard deviation of each error parameter: rotations in rad, lengths in mm, sag in rad per mm of
 /// lever.
-pub fn prior_std() -> [f64; ARM_NUMBERS] {
+pub fn prior_std() -> [f64; ARM_PARAMETER_COUNT] {
     std::array::from_fn(|index| match index {
         30 | 31 => SAG_PRIOR_RAD_PER_MM,
         index if index % 6 < 3 => ANGLE_PRIOR_RAD,
@@ -31,7 +31,7 @@ pub fn prior_std() -> [f64; ARM_NUMBERS] {
     })
 }
 
-/// 0.05°.
+/// Prior standard deviation of a rotation, rad: 0.05°.
 const ANGLE_PRIOR_RAD: f64 = 8.7e-4;
 const LENGTH_PRIOR_MM: f64 = 0.4;
 /// Standard deviation of the sag, rad per mm: 0.3 mm at the end of a lever of 600 mm.
@@ -68,7 +68,7 @@ fn model_angles_rad(geometry: &ArmGeometry, joints: &Joints) -> [f64; 6] {
 pub fn base_from_flange(
     geometry: &ArmGeometry,
     joints: &Joints,
-    errors: &[f64; ARM_NUMBERS],
+    errors: &[f64; ARM_PARAMETER_COUNT],
 ) -> Rigid<Base, Flange> {
     let g = geometry;
     let mut q = model_angles_rad(g, joints);
@@ -134,7 +134,7 @@ impl AxisFault {
     }
 }
 
-/// The robot's pose.
+/// The pose of the arm, as the controller reports it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ArmPose {
     /// The axis angles, if they are known.
@@ -150,8 +150,8 @@ pub enum Correction {
     Geometry {
         /// The nominal geometry of the arm.
         geometry: ArmGeometry,
-        /// Its errors.
-        errors: [f64; ARM_NUMBERS],
+        /// The error parameters of the arm, in the order of [`name`].
+        errors: [f64; ARM_PARAMETER_COUNT],
     },
     /// A correction with a motion that changes smoothly with the position of the flange.
     Smooth {
@@ -166,7 +166,7 @@ pub enum Correction {
 }
 
 /// Number of fixed-point iterations that invert (2); each reduces the error to about a thousandth.
-const INVERSE_STEPS: usize = 8;
+const INVERSE_ITERATIONS: usize = 8;
 /// Maximum distance outside of the measured volume at which the corrected arm may measure or touch, as a fraction of
 /// half the size of the volume.
 const MAX_EXTRAPOLATION: f64 = 0.1;
@@ -219,7 +219,7 @@ impl Correction {
             Correction::Smooth { .. } => {
                 let wanted = base_from_flange.isometry();
                 let mut place = wanted.translation.vector;
-                for _ in 0..INVERSE_STEPS {
+                for _ in 0..INVERSE_ITERATIONS {
                     place = wanted.translation.vector - self.motion_at(Point::new(place.into())).1;
                 }
                 let (turn, _) = self.motion_at(Point::new(place.into()));
@@ -298,7 +298,11 @@ impl Correction {
 }
 
 /// Returns the flange pose of the real arm relative to the flange of the nominal arm, at these axis angles.
-fn flange_deviation(geometry: &ArmGeometry, errors: &[f64; ARM_NUMBERS], joints: &Joints) -> Rigid<Flange, Flange> {
-    let drawn = base_from_flange(geometry, joints, &[0.0; ARM_NUMBERS]);
+fn flange_deviation(
+    geometry: &ArmGeometry,
+    errors: &[f64; ARM_PARAMETER_COUNT],
+    joints: &Joints,
+) -> Rigid<Flange, Flange> {
+    let drawn = base_from_flange(geometry, joints, &[0.0; ARM_PARAMETER_COUNT]);
     drawn.inverse() * base_from_flange(geometry, joints, errors)
 }

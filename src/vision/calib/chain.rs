@@ -59,9 +59,9 @@ pub(super) fn log(motion: &Isometry3<f64>) -> Twist {
 /// The observation of the board by a camera.
 #[derive(Debug, Clone, PartialEq)]
 pub enum BoardObservation<C: Frame> {
-    /// Corners in a picture.
+    /// Corners in a picture, each as a point on the board and its pixel.
     Pixels(Vec<(Point<Board>, Pixel)>),
-    /// Corners that a 3D camera measured.
+    /// Corners measured by a 3D camera, each as a point on the board and the measured point.
     Points(Vec<(Point<Board>, Point<C>)>),
 }
 
@@ -100,7 +100,7 @@ type NormalMatrix = SMatrix<f64, 18, 18>;
 pub(super) struct StationGram {
     pub normal: NormalMatrix,
     pub gradient: SVector<f64, 18>,
-    /// Sum of the squared residuals.
+    /// Sum of the squared residuals, px² or mm².
     pub square: f64,
     pub rows: usize,
 }
@@ -136,7 +136,7 @@ impl StationGram {
 pub(super) enum LengthFactor {
     /// The side of the board's squares.
     Square,
-    /// The focal lengths.
+    /// The focal lengths of the lens.
     Focal,
 }
 
@@ -312,7 +312,7 @@ impl Chain {
 /// The pose of a board with the residual of its corners: px for pixels, mm for points.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BoardPose<C: Frame> {
-    /// The board's pose.
+    /// The pose of the board in the camera frame.
     pub camera_from_board: Rigid<C, Board>,
     /// Root mean square distance between measured and computed corners.
     pub rms: f64,

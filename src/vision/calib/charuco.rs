@@ -30,10 +30,10 @@ use std::collections::BTreeMap;
 const MIN_CORNERS: usize = 8;
 /// Maximum distance of a corner of a marker from the common plane of all markers, as a fraction of the side of the
 /// marker. The distortion of a lens causes a much smaller distance.
-const MAX_PLANE_DISTANCE_SHARE: f64 = 0.6;
+const MAX_RELATIVE_PLANE_DISTANCE: f64 = 0.6;
 /// Minimum fraction of the corners that the markers must lead to; the other corners are then treated as hidden, and the
 /// search for a lattice is omitted.
-const MIN_CORNER_SHARE: f64 = 0.6;
+const MIN_CORNER_FRACTION: f64 = 0.6;
 /// Maximum number of lattices that are compared with the board in one search pass.
 const MAX_LATTICES: usize = 6;
 
@@ -54,7 +54,7 @@ pub(super) fn detect(
         let corners = detect_board(name, picture, board, markers, None).ok()?.corners.len();
         // A few markers of another layout may agree with this layout. Only the layout that the picture shows is found
         // completely.
-        (corners as f64 >= MIN_CORNER_SHARE * board.count() as f64).then_some(corners)
+        (corners as f64 >= MIN_CORNER_FRACTION * board.count() as f64).then_some(corners)
     };
     let other = |what: String| CalibError::OtherCharuco { picture: name.to_owned(), what };
     let dictionary = &charuco.dictionary;
@@ -133,7 +133,7 @@ fn detect_board(
 ) -> Result<DetectedCorners, CalibError> {
     let unknown = || CalibError::Board {
         text: charuco.dictionary.clone(),
-        message: "OpenCV has no dictionary with this name".to_owned(),
+        message: "OpenCV has no dictionary with this name; use a name such as 4X4_50".to_owned(),
     };
     let dictionary = foreign::dictionary_number(&charuco.dictionary).ok_or_else(unknown)?;
     let squares = board.marker_squares();
@@ -155,7 +155,7 @@ fn detect_board(
     let (places, pixels) = match_markers(board, charuco, &seen);
     let mut best = search.grow(places.into_iter().zip(pixels).collect());
     let cells: Cells = squares.into_iter().zip(cells).collect();
-    if (best.len() as f64) < MIN_CORNER_SHARE * board.count() as f64 {
+    if (best.len() as f64) < MIN_CORNER_FRACTION * board.count() as f64 {
         let by_lattice = detect_from_lattices(&search, &cells)?;
         if by_lattice.len() > best.len() {
             best = by_lattice;
@@ -193,7 +193,7 @@ fn filter_coplanar(mut markers: Vec<GridSquare>, board: &Board, charuco: &Charuc
         };
         let farthest = (0..markers.len()).map(|index| (index, apart(index))).max_by(|a, b| a.1.total_cmp(&b.1));
         match farthest {
-            Some((index, apart)) if apart > MAX_PLANE_DISTANCE_SHARE => markers.remove(index),
+            Some((index, apart)) if apart > MAX_RELATIVE_PLANE_DISTANCE => markers.remove(index),
             _ => break,
         };
     }
@@ -272,7 +272,7 @@ pub fn marker_cells(board: &Board) -> Result<Vec<Vec<bool>>, CalibError> {
     let Some(charuco) = board.markers() else { return Ok(Vec::new()) };
     let unknown = || CalibError::Board {
         text: charuco.dictionary.clone(),
-        message: "OpenCV has no dictionary with this name".to_owned(),
+        message: "OpenCV has no dictionary with this name; use a name such as 4X4_50".to_owned(),
     };
     let dictionary = foreign::dictionary_number(&charuco.dictionary).ok_or_else(unknown)?;
     let cells = (0..board.marker_squares().len()).map(|number| foreign::marker_cells(dictionary, number));
@@ -283,14 +283,15 @@ pub fn marker_cells(board: &Board) -> Result<Vec<Vec<bool>>, CalibError> {
 const PREDICTION_RADIUS_SQUARES: f64 = 2.6;
 const MAX_NEIGHBOURS: usize = 20;
 /// Limits of the search: number of iterations (`MAX_ROUNDS`), standard deviation of a corner, px (`MAX_CORNER_STD_PX`),
-/// and distance of a corner from its prediction, as a fraction of the side of a square (`MAX_PREDICTION_ERROR_SHARE`).
+/// and distance of a corner from its prediction, as a fraction of the side of a square
+/// (`MAX_RELATIVE_PREDICTION_ERROR`).
 const MAX_ROUNDS: usize = 12;
 const MAX_CORNER_STD_PX: f64 = 0.6;
-const MAX_PREDICTION_ERROR_SHARE: f64 = 0.2;
+const MAX_RELATIVE_PREDICTION_ERROR: f64 = 0.2;
 
 /// Positions on the board, mm, each with its pixel.
 pub(super) type PointPairs = Vec<([f64; 2], Pixel)>;
-/// Corners by column and row.
+/// Corners by column and row, each as a point on the board and its pixel.
 pub(super) type CornerMap = BTreeMap<(usize, usize), (Point<BoardFrame>, Pixel)>;
 
 /// The search for corners from known neighbours.
@@ -322,7 +323,7 @@ impl Search<'_> {
             let found = views.into_iter().filter_map(|(at, view)| {
                 let found = self.print.match_near(self.picture, &MatchWindow { blur_px, ..view }, self.noise)?;
                 let is_near =
-                    found.pixel.distance_px(view.start) < MAX_PREDICTION_ERROR_SHARE * self.square_px(&view);
+                    found.pixel.distance_px(view.start) < MAX_RELATIVE_PREDICTION_ERROR * self.square_px(&view);
                 (found.contrast > 0.0 && found.deviation_px < MAX_CORNER_STD_PX && is_near)
                     .then_some((at, found.pixel))
             });

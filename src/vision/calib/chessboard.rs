@@ -25,24 +25,24 @@ const MAX_SECTOR_BASED_PX: usize = 850_000;
 /// Minimum fraction of the corners of an outer line that must be detected; otherwise the line is removed. The three
 /// values apply to a board with a glare near its rim, a board with a glare elsewhere, and a board with an object beside
 /// it that looks like corners.
-const MIN_OUTER_LINE_SHARES: [f64; 3] = [0.2, 0.45, 0.65];
+const MIN_OUTER_LINE_FRACTIONS: [f64; 3] = [0.2, 0.45, 0.65];
 /// Minimum number of inner corners along a side of a chessboard.
 const MIN_BOARD_CORNERS: usize = 3;
 /// Minimum fraction of the corners of the board that must be detected.
-const MIN_SEEN_SHARE: f64 = 0.5;
+const MIN_SEEN_FRACTION: f64 = 0.5;
 /// Minimum fraction of the corners of another board that must be detected before that board is reported.
-const MIN_OTHER_BOARD_SHARE: f64 = 0.8;
+const MIN_OTHER_BOARD_FRACTION: f64 = 0.8;
 /// Minimum fraction of a line beyond the board that consists of corners, for the line to belong to a larger board.
-const MIN_NEXT_LINE_SHARE: f64 = 0.4;
+const MIN_NEXT_LINE_FRACTION: f64 = 0.4;
 /// Minimum ratio of the contrast of a corner beyond an outer line to the contrast of the corner on this line.
 const MIN_NEXT_CONTRAST_RATIO: f64 = 0.7;
 /// Maximum distance of a corner from its predicted position, as a fraction of the distance to its neighbour.
-const WINDOW_SHARE: f64 = 0.3;
+const RELATIVE_WINDOW_SIZE: f64 = 0.3;
 
 /// A corner of the board.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Node {
-    /// The corner's position.
+    /// Position of the corner in the picture.
     pub pixel: Pixel,
     /// Whether the corner was detected; otherwise it is predicted from its neighbours.
     pub is_seen: bool,
@@ -55,7 +55,7 @@ pub(super) enum Search {
     Board(Vec<Node>),
     /// Another board, given by its numbers of inner corners, the longer side first.
     Other([usize; 2]),
-    /// No corners.
+    /// The picture shows no corners of a board.
     Nothing,
 }
 
@@ -66,12 +66,12 @@ pub(super) fn find(picture: &GrayPicture, board: &Board) -> Result<Search, Imagi
         for found in detect_lattices(picture, times)? {
             let seen = found.seen_count();
             let own = found.rotated_to_size(board.columns(), board.rows());
-            if let Some(grid) = own.filter(|grid| grid.share() >= MIN_SEEN_SHARE) {
+            if let Some(grid) = own.filter(|grid| grid.share() >= MIN_SEEN_FRACTION) {
                 if best.as_ref().is_none_or(|best| best.seen_count() < seen) && !extends_beyond(picture, &grid) {
                     best = Some(grid);
                 }
             } else if found.columns.min(found.rows) >= MIN_BOARD_CORNERS
-                && found.share() >= MIN_OTHER_BOARD_SHARE
+                && found.share() >= MIN_OTHER_BOARD_FRACTION
                 && found.has_complete_sides()
                 && other.is_none_or(|(_, most)| most < seen)
             {
@@ -128,7 +128,7 @@ pub(super) fn detect_lattices(picture: &GrayPicture, times: usize) -> Result<Vec
     let found = lattices(&smooth, &all);
     // An outer line with half of its corners missing may be partly hidden, or may be an object beside the board.
     let grids = found.into_iter().flat_map(|lattice| {
-        let mut all = MIN_OUTER_LINE_SHARES.map(|share| trim_sparse_lines(lattice.clone(), share)).to_vec();
+        let mut all = MIN_OUTER_LINE_FRACTIONS.map(|share| trim_sparse_lines(lattice.clone(), share)).to_vec();
         all.dedup_by_key(|lattice| lattice.len());
         all
     });
@@ -139,12 +139,12 @@ pub(super) fn detect_lattices(picture: &GrayPicture, times: usize) -> Result<Vec
     Ok(scaled.collect())
 }
 
-/// Corners in rows.
+/// A lattice of corners in rows and columns.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Grid {
     pub columns: usize,
     pub rows: usize,
-    /// Row by row.
+    /// The corners, row by row.
     pub nodes: Vec<Node>,
 }
 
@@ -189,7 +189,7 @@ impl Grid {
     fn has_complete_sides(&self) -> bool {
         let line = |first: usize, step: usize, count: usize| {
             let seen = (0..count).filter(|index| self.nodes[first + index * step].is_seen).count();
-            seen as f64 >= MIN_SEEN_SHARE * count as f64
+            seen as f64 >= MIN_SEEN_FRACTION * count as f64
         };
         let (columns, rows) = (self.columns, self.rows);
         line(0, 1, columns)
@@ -263,7 +263,7 @@ fn extends_beyond(picture: &GrayPicture, grid: &Grid) -> bool {
         };
         let beyond = outer * 3.0 - second * 3.0 + third;
         let edges = [outer - second, next - outer];
-        let window = WINDOW_SHARE * edges[0].norm().min(edges[1].norm());
+        let window = RELATIVE_WINDOW_SIZE * edges[0].norm().min(edges[1].norm());
         let fit = |at: Vector2<f64>| {
             saddle::refine(picture, Pixel::at(at.x, at.y), edges, window.clamp(3.0, 11.0) as usize, noise)
         };
@@ -278,7 +278,7 @@ fn extends_beyond(picture: &GrayPicture, grid: &Grid) -> bool {
     (0..4).any(|side| {
         let count = if side < 2 { rows } else { columns };
         let corners = (0..count).filter(|index| is_corner(side, *index)).count();
-        corners as f64 >= MIN_NEXT_LINE_SHARE * count as f64
+        corners as f64 >= MIN_NEXT_LINE_FRACTION * count as f64
     })
 }
 

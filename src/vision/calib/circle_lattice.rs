@@ -28,7 +28,7 @@ pub(super) struct Blob {
 /// Minimum area of a component with a recognizable shape, px.
 const MIN_AREA_PX: f64 = 12.0;
 /// Maximum area of a circle, as a fraction of the picture: a larger component is not one circle among many.
-const MAX_AREA_SHARE: f64 = 0.03;
+const MAX_AREA_FRACTION: f64 = 0.03;
 /// Maximum difference of A / (4π √det C) from 1.
 const MAX_ROUNDNESS_ERROR: f64 = 0.12;
 /// Maximum ratio of the longest axis to the shortest: for a circle seen at 70° it is 2.9.
@@ -151,7 +151,7 @@ impl ConnectedComponent {
     }
 
     fn blob(&self, picture_px: f64) -> Option<Blob> {
-        if self.touches_rim || self.count < MIN_AREA_PX || self.count > MAX_AREA_SHARE * picture_px {
+        if self.touches_rim || self.count < MIN_AREA_PX || self.count > MAX_AREA_FRACTION * picture_px {
             return None;
         }
         let [u, v] = self.sum.map(|sum| sum / self.count);
@@ -176,14 +176,14 @@ const MAX_FIRST_NEIGHBOURS: usize = 6;
 const MAX_STEP_PAIRS: usize = 4;
 const MAX_SEEDS: usize = 25;
 /// Minimum fraction of the circles of the board that must be detected.
-const MIN_SEEN_SHARE: f64 = 0.5;
+const MIN_SEEN_FRACTION: f64 = 0.5;
 
 /// Circles by their index in the list of the board's circles.
 pub(super) type LatticePositions = BTreeMap<usize, Blob>;
 
 /// Finds the board among the blobs, which are sorted by likelihood, the most likely first; `None` if it is not found.
 pub(super) fn grid(blobs: &[Blob], board: &Board) -> Option<LatticePositions> {
-    let needed = (MIN_SEEN_SHARE * board.count() as f64).ceil() as usize;
+    let needed = (MIN_SEEN_FRACTION * board.count() as f64).ceil() as usize;
     let mut used: BTreeSet<usize> = BTreeSet::new();
     let mut best: Option<LatticePositions> = None;
     for seed in 0..blobs.len().min(MAX_SEEDS) {
@@ -294,7 +294,7 @@ fn assign_to_board(
         .collect();
     let far = |coordinate: fn(&(i32, i32)) -> i32| places.keys().map(coordinate).max().unwrap_or(0);
     let (wide, high) = (far(|at| at.0), far(|at| at.1));
-    let needed = (MIN_SEEN_SHARE * board.count() as f64).ceil() as usize;
+    let needed = (MIN_SEEN_FRACTION * board.count() as f64).ceil() as usize;
     let mut ways: Vec<LatticePositions> = Vec::new();
     for [a, b, c, d] in lattice_transforms(is_asymmetric) {
         let moved: Vec<((i32, i32), usize)> =

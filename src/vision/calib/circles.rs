@@ -34,10 +34,10 @@ const MAX_BLOBS: usize = 2_000;
 const THRESHOLD_WINDOW_DIVISORS: [usize; 3] = [12, 32, 80];
 /// Maximum number of grids in which the circles are located.
 const MAX_GRIDS: usize = 3;
-/// Extent of the window, as a fraction of the distance between neighbouring centres. From `BACKGROUND_START_SHARE`
+/// Extent of the window, as a fraction of the distance between neighbouring centres. From `RELATIVE_BACKGROUND_START`
 /// outwards the window shows only background.
-const WINDOW_EXTENT_SHARE: f64 = 0.48;
-const BACKGROUND_START_SHARE: f64 = 0.40;
+const RELATIVE_WINDOW_EXTENT: f64 = 0.48;
+const RELATIVE_BACKGROUND_START: f64 = 0.40;
 /// Maximum extent of the window in the full-size picture, px. Circles with larger windows are located in a reduced
 /// picture.
 const MAX_WINDOW_EXTENT_PX: f64 = 13.0;
@@ -266,7 +266,7 @@ fn locate_by_print(
     lighter: bool,
 ) -> Option<Corners> {
     let places = board.corners();
-    let reach_mm = WINDOW_EXTENT_SHARE * neighbour_mm;
+    let reach_mm = RELATIVE_WINDOW_EXTENT * neighbour_mm;
     let middle = pixel_jacobian(plane, [places[places.len() / 2].mm.x, places[places.len() / 2].mm.y]);
     // Large circles are located equally well in a reduced picture.
     let reach_px = reach_mm * middle.column(0).norm().max(middle.column(1).norm());
@@ -317,7 +317,7 @@ fn centre(picture: &GrayPicture, start: Pixel, neighbour: &Matrix2<f64>) -> Opti
     let inverse = neighbour.try_inverse()?;
     let (mut middle, mut area_px) = (start, 0.0);
     for _ in 0..4 {
-        let reach = WINDOW_EXTENT_SHARE
+        let reach = RELATIVE_WINDOW_EXTENT
             * neighbour.column(0).norm().max(neighbour.column(1).norm())
             * std::f64::consts::SQRT_2;
         let low = |at: f64| (at - reach).floor().max(0.0) as usize;
@@ -328,11 +328,11 @@ fn centre(picture: &GrayPicture, start: Pixel, neighbour: &Matrix2<f64>) -> Opti
         for (row, column) in rows.flat_map(|row| columns.clone().map(move |column| (row, column))) {
             let away = Vector2::new(column as f64 - middle.u, row as f64 - middle.v);
             let part = (inverse * away).norm();
-            if part > WINDOW_EXTENT_SHARE {
+            if part > RELATIVE_WINDOW_EXTENT {
                 continue;
             }
             let gray = f64::from(picture.gray[row * picture.width + column]);
-            if part > BACKGROUND_START_SHARE {
+            if part > RELATIVE_BACKGROUND_START {
                 let by = Vector3::new(1.0, away.x, away.y);
                 normal += by * by.transpose();
                 pull += by * gray;

@@ -21,7 +21,7 @@ use std::collections::{BTreeMap, VecDeque};
 /// A point where two edges cross.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Crossing {
-    /// The place.
+    /// Position of the crossing in the picture, px.
     pub position: Vector2<f64>,
     /// Unit vectors along both edges.
     pub edges: [Vector2<f64>; 2],
@@ -40,7 +40,7 @@ pub(super) struct SmoothedPicture {
 
 /// Radius of the ring around a saddle, px.
 const RING_RADIUS_PX: f64 = 4.0;
-const RING_SAMPLES: usize = 32;
+const RING_SAMPLE_COUNT: usize = 32;
 /// Minimum correlation between opposite positions of the ring.
 const MIN_RING_CORRELATION: f64 = 0.55;
 /// Minimum half contrast of a corner, grey levels. `MIN_CONTRAST_TO_NOISE` is its minimum ratio to the noise that
@@ -48,7 +48,7 @@ const MIN_RING_CORRELATION: f64 = 0.55;
 const MIN_CONTRAST: f64 = 3.0;
 const MIN_CONTRAST_TO_NOISE: f64 = 3.0;
 /// The fraction of white noise that remains after the smoothing.
-const SMOOTHED_NOISE_SHARE: f64 = 0.27;
+const SMOOTHED_NOISE_FRACTION: f64 = 0.27;
 /// Maximum bend of an edge, rad: the difference of the directions to two opposite changes of the ring from a straight
 /// line.
 const MAX_BEND_RAD: f64 = 0.6;
@@ -87,7 +87,7 @@ impl SmoothedPicture {
         SmoothedPicture { width, height, gray, noise: noise(picture) }
     }
 
-    /// As a picture.
+    /// Returns the smoothed picture with rounded grey levels.
     pub fn picture(&self) -> GrayPicture {
         let gray = self.gray.iter().map(|gray| gray.round().clamp(0.0, 255.0) as u8).collect();
         GrayPicture { width: self.width, height: self.height, gray }
@@ -134,7 +134,7 @@ pub(super) fn noise(picture: &GrayPicture) -> f64 {
     median.unwrap_or(0) as f64 / (6.0 * 0.674)
 }
 
-/// All crossings.
+/// Returns the crossings of edges in a picture, at most [`MAX_CROSSINGS`].
 pub(super) fn crossings(picture: &SmoothedPicture) -> Vec<Crossing> {
     let rim = RING_RADIUS_PX as usize + 3;
     if picture.width <= 2 * rim || picture.height <= 2 * rim {
@@ -155,7 +155,7 @@ pub(super) fn crossings(picture: &SmoothedPicture) -> Vec<Crossing> {
     response.par_chunks_mut(width).enumerate().skip(3).take(picture.height - 6).for_each(|(row, line)| {
         (3..width - 3).for_each(|column| line[column] = saddle(row * width + column));
     });
-    let least_contrast = MIN_CONTRAST.max(MIN_CONTRAST_TO_NOISE * SMOOTHED_NOISE_SHARE * picture.noise);
+    let least_contrast = MIN_CONTRAST.max(MIN_CONTRAST_TO_NOISE * SMOOTHED_NOISE_FRACTION * picture.noise);
     // The determinant is about the square of the half contrast at a sharp corner, and a fifth of it at a blurred
     // corner.
     let min_response = (0.15 * least_contrast * least_contrast) as f32;
@@ -213,8 +213,8 @@ fn refine_saddle(picture: &SmoothedPicture, column: usize, row: usize) -> Vector
 /// Returns the saddle as a crossing; `None` if its ring is not that of a crossing.
 fn classify_saddle(picture: &SmoothedPicture, column: usize, row: usize, least_contrast: f64) -> Option<Crossing> {
     let at = refine_saddle(picture, column, row);
-    let angle = |index: f64| std::f64::consts::TAU * index / RING_SAMPLES as f64;
-    let ring: [f64; RING_SAMPLES] = std::array::from_fn(|index| {
+    let angle = |index: f64| std::f64::consts::TAU * index / RING_SAMPLE_COUNT as f64;
+    let ring: [f64; RING_SAMPLE_COUNT] = std::array::from_fn(|index| {
         let (sin, cos) = angle(index as f64).sin_cos();
         picture.interpolate(at + Vector2::new(cos, sin) * RING_RADIUS_PX)
     });
@@ -223,17 +223,18 @@ fn classify_saddle(picture: &SmoothedPicture, column: usize, row: usize, least_c
     if contrast < least_contrast {
         return None;
     }
-    let mean = ring.iter().sum::<f64>() / RING_SAMPLES as f64;
+    let mean = ring.iter().sum::<f64>() / RING_SAMPLE_COUNT as f64;
     let square: f64 = ring.iter().map(|gray| (gray - mean).powi(2)).sum();
-    let product: f64 =
-        (0..RING_SAMPLES).map(|i| (ring[i] - mean) * (ring[(i + RING_SAMPLES / 2) % RING_SAMPLES] - mean)).sum();
+    let product: f64 = (0..RING_SAMPLE_COUNT)
+        .map(|i| (ring[i] - mean) * (ring[(i + RING_SAMPLE_COUNT / 2) % RING_SAMPLE_COUNT] - mean))
+        .sum();
     if product < MIN_RING_CORRELATION * square {
         return None;
     }
     let middle = (low + high) / 2.0;
-    let changes: Vec<f64> = (0..RING_SAMPLES)
+    let changes: Vec<f64> = (0..RING_SAMPLE_COUNT)
         .filter_map(|index| {
-            let (here, next) = (ring[index] - middle, ring[(index + 1) % RING_SAMPLES] - middle);
+            let (here, next) = (ring[index] - middle, ring[(index + 1) % RING_SAMPLE_COUNT] - middle);
             ((here > 0.0) != (next > 0.0)).then(|| angle(index as f64 + here / (here - next)))
         })
         .collect();

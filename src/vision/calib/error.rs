@@ -18,13 +18,13 @@ pub enum CalibError {
     /// OpenCV refused its input.
     #[error(transparent)]
     Imaging(#[from] ImagingError),
-    /// A picture shows no board.
+    /// The picture shows no board.
     #[error(
         "{picture} shows no board with {columns}×{rows} inner corners; check --board, and check that the whole \
          board is in the picture, sharp, with a white rim"
     )]
     NoBoard {
-        /// The picture.
+        /// Name of the picture.
         picture: String,
         /// Inner corners in a row.
         columns: usize,
@@ -37,11 +37,11 @@ pub enum CalibError {
          circles are in the picture, sharp, and apart from each other"
     )]
     NoCircles {
-        /// The picture.
+        /// Name of the picture.
         picture: String,
         /// Circles in a row.
         columns: usize,
-        /// Rows.
+        /// Number of rows.
         rows: usize,
     },
     /// A picture shows another board.
@@ -50,7 +50,7 @@ pub enum CalibError {
          --board, or take a picture of the right board", found[0], found[1]
     )]
     OtherBoard {
-        /// The picture.
+        /// Name of the picture.
         picture: String,
         /// Inner corners along the sides of the board in the picture, the longer side first.
         found: [usize; 2],
@@ -62,7 +62,7 @@ pub enum CalibError {
     /// A picture shows a ChArUco board of another layout, dictionary or side.
     #[error("{picture} does not show the board as --board names it; {what}")]
     OtherCharuco {
-        /// The picture.
+        /// Name of the picture.
         picture: String,
         /// The board in the picture, and how to correct the input.
         what: String,
@@ -70,16 +70,16 @@ pub enum CalibError {
     /// The pictures have different sizes.
     #[error("{picture} has {found} pixels, but {first} has {expected}; all pictures must have the same size")]
     MixedSizes {
-        /// The picture.
+        /// Name of the picture that differs from the first.
         picture: String,
-        /// Its size.
+        /// Size of this picture.
         found: String,
-        /// The first picture.
+        /// Name of the first picture.
         first: String,
-        /// Its size.
+        /// Size of the first picture.
         expected: String,
     },
-    /// Not enough pictures with a board.
+    /// There are too few pictures with a board.
     #[error("{found} of {given} pictures can be used, at least {needed} are needed{}", reason_suffix(first_reason))]
     TooFewPictures {
         /// Number of usable pictures.
@@ -103,7 +103,7 @@ pub enum CalibError {
     TooLittleRotation {
         /// Spread of the rotations about the second of their principal axes, degrees.
         about_second_axis_deg: f64,
-        /// Minimum spread, degrees.
+        /// Minimum spread of the rotations, degrees.
         needed_deg: f64,
     },
     /// No mount matches most of the poses.
@@ -119,7 +119,7 @@ pub enum CalibError {
         /// The interpretations that match the poses.
         readings: Vec<PoseReading>,
     },
-    /// Angles in radians.
+    /// The angles of the poses are probably in radians.
     #[error(
         "every angle of the poses lies within ±3.15 although the board rotates by {seen_deg:.0}° between pictures: \
          these look like radians; write A, B, C in degrees"
@@ -165,7 +165,7 @@ pub enum PoseInterpretation {
     },
     /// Three angles in another order or about other axes; the text names them.
     Angles(&'static str),
-    /// A rotation vector.
+    /// The angles are those of a rotation vector.
     RotationVector {
         /// Whether the vector is in radians.
         radians: bool,
@@ -176,7 +176,7 @@ pub enum PoseInterpretation {
     Transposed,
     /// The axes are those of a left-handed frame.
     LeftHanded,
-    /// Angles in radians.
+    /// The angles are in radians.
     Radians,
     /// Each picture is paired with the pose of the next or previous picture.
     Shifted {

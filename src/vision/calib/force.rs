@@ -45,9 +45,9 @@ pub struct ForceCalibration {
     pub payload_95_kg: f64,
     /// Uncertainty of the zero, 95 %, N.
     pub zero_95_n: f64,
-    /// Residuals, rms, N.
+    /// Residuals of the force, rms, N.
     pub rms_n: f64,
-    /// Number of readings.
+    /// Number of measured values.
     pub readings: usize,
 }
 
@@ -73,9 +73,9 @@ pub enum CalibrationError {
          far as the arm allows"
     )]
     TooSimilar {
-        /// Smallest downward component.
+        /// Minimum downward component of the tool's direction.
         least: f64,
-        /// Largest downward component.
+        /// Maximum downward component of the tool's direction.
         most: f64,
     },
     /// One measured value deviates from the others.

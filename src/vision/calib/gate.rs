@@ -14,41 +14,41 @@ use panelprep_base::number_text::{distinguishable_percents, distinguishable_text
 use panelprep_base::verdict::{Judgement, Reason};
 
 /// Two limits of a value: beyond the first a person must check, beyond the second the calibration is rejected.
-type Bounds = (f64, f64);
+type ReviewAndRejectLimits = (f64, f64);
 
-const HAND_EYE_UNCERTAINTY_MM: Bounds = (0.6, 2.0);
-const HAND_EYE_RMS_MM: Bounds = (1.0, 3.0);
+const HAND_EYE_UNCERTAINTY_LIMITS_MM: ReviewAndRejectLimits = (0.6, 2.0);
+const HAND_EYE_RMS_LIMITS_MM: ReviewAndRejectLimits = (1.0, 3.0);
 /// Limits of the panel's displacement, mm, if the squares had the size that the robot's motions show: beyond the first
 /// a person must check, beyond the second the mount is rejected.
-const SQUARE_EFFECT_MM: Bounds = (0.1, 0.5);
+const SQUARE_EFFECT_LIMITS_MM: ReviewAndRejectLimits = (0.1, 0.5);
 /// Maximum relative uncertainty of the size of the squares; with a larger one, a wrong size would not be detected: 2 mm
 /// at 700 mm.
-const MAX_SQUARE_UNCERTAINTY_SHARE: f64 = 0.003;
+const MAX_RELATIVE_SQUARE_UNCERTAINTY: f64 = 0.003;
 const REVIEW_SPREAD_DEG: f64 = 8.0;
 const REVIEW_POSE_COUNT: usize = 10;
-const DISTANCE_ERROR_MM: Bounds = (0.5, 1.5);
-const PNP_RMS_PX: Bounds = (0.5, 2.0);
-const FOURTH_POINT_ERROR_MM: Bounds = (0.5, 1.5);
+const DISTANCE_ERROR_LIMITS_MM: ReviewAndRejectLimits = (0.5, 1.5);
+const PNP_RMS_LIMITS_PX: ReviewAndRejectLimits = (0.5, 2.0);
+const FOURTH_POINT_ERROR_LIMITS_MM: ReviewAndRejectLimits = (0.5, 1.5);
 const MAX_ROUGH_DISTANCE_MM: f64 = 150.0;
 const MAX_ROUGH_ANGLE_DEG: f64 = 20.0;
-const TOOL_RMS_MM: Bounds = (0.4, 1.5);
-const AXIS_SCATTER_DEG: Bounds = (0.5, 2.0);
-const INTRINSICS_RMS_PX: Bounds = (0.7, 2.0);
-const MIN_COVERAGE_SHARE: f64 = 0.6;
+const TOOL_RMS_LIMITS_MM: ReviewAndRejectLimits = (0.4, 1.5);
+const AXIS_SCATTER_LIMITS_DEG: ReviewAndRejectLimits = (0.5, 2.0);
+const INTRINSICS_RMS_LIMITS_PX: ReviewAndRejectLimits = (0.7, 2.0);
+const MIN_COVERAGE_FRACTION: f64 = 0.6;
 const MIN_TILT_DEG: f64 = 20.0;
 const REVIEW_VIEW_COUNT: usize = 8;
 /// Limits of the fraction of the picture in which the lens must be calibrated: below the first a person must check,
 /// below the second the lens is rejected.
-const SUPPORTED_SHARE: Bounds = (0.95, 0.1);
+const SUPPORTED_FRACTION_LIMITS: ReviewAndRejectLimits = (0.95, 0.1);
 /// Maximum standard deviation of the focal length, relative to the focal length: 0.1 % is 0.8 mm at 800 mm.
-const MAX_FOCAL_STD_SHARE: f64 = 0.001;
+const MAX_RELATIVE_FOCAL_STD: f64 = 0.001;
 /// Maximum standard deviation of the principal point, relative to the focal length: 0.2 mm of lateral shift at 1 m.
-const MAX_CENTRE_STD_SHARE: f64 = 0.000_2;
+const MAX_RELATIVE_CENTRE_STD: f64 = 0.000_2;
 
 /// Limits of the fraction of the error that remains with a correction: beyond the first a person must check, beyond the
 /// second the correction does not help.
-const REMAINING_ERROR_SHARE: Bounds = (0.6, 0.9);
-const LEFT_OUT_ERROR_MM: Bounds = (0.5, 2.0);
+const REMAINING_ERROR_FRACTION_LIMITS: ReviewAndRejectLimits = (0.6, 0.9);
+const LEFT_OUT_ERROR_LIMITS_MM: ReviewAndRejectLimits = (0.5, 2.0);
 const REVIEW_ARM_VIEW_COUNT: usize = 24;
 
 #[derive(Default)]
@@ -59,7 +59,13 @@ struct ReasonCollector {
 
 impl ReasonCollector {
     /// Adds a reason if the value is beyond one of its limits; a NaN is beyond every limit.
-    fn check_bounds(&mut self, code: &'static str, value: f64, (review, reject): Bounds, words: &str) {
+    fn check_bounds(
+        &mut self,
+        code: &'static str,
+        value: f64,
+        (review, reject): ReviewAndRejectLimits,
+        words: &str,
+    ) {
         let message = |allowed: f64| {
             let [value, allowed] = distinguishable_texts(value, allowed, 3);
             format!("{words}: {value} (limit {allowed})")
@@ -112,7 +118,7 @@ impl ReasonCollector {
                     .to_owned()
             });
         };
-        if size.contradicts_stated() && (moves_mm > SQUARE_EFFECT_MM.0 || moves_mm.is_nan()) {
+        if size.contradicts_stated() && (moves_mm > SQUARE_EFFECT_LIMITS_MM.0 || moves_mm.is_nan()) {
             let (mm, known_mm) =
                 (fixed_decimals(size.ratio * square_mm, 3), fixed_decimals(size.ratio_95() * square_mm, 3));
             let message = format!(
@@ -123,12 +129,16 @@ impl ReasonCollector {
                 fixed_decimals(moves_mm, 2)
             );
             let reason = Reason::new("square_size", message);
-            if moves_mm > SQUARE_EFFECT_MM.1 { self.rejections.push(reason) } else { self.reviews.push(reason) }
+            if moves_mm > SQUARE_EFFECT_LIMITS_MM.1 {
+                self.rejections.push(reason)
+            } else {
+                self.reviews.push(reason)
+            }
         }
         let known = size.ratio_95();
-        let is_uncertain = known.is_nan() || known > MAX_SQUARE_UNCERTAINTY_SHARE;
+        let is_uncertain = known.is_nan() || known > MAX_RELATIVE_SQUARE_UNCERTAINTY;
         self.add_review("square_unproven", !size.contradicts_stated() && is_uncertain, || {
-            let [known, wanted] = distinguishable_percents(known, MAX_SQUARE_UNCERTAINTY_SHARE, 2);
+            let [known, wanted] = distinguishable_percents(known, MAX_RELATIVE_SQUARE_UNCERTAINTY, 2);
             format!(
                 "the poses determine the size of the board's squares only to {known} % (limit {wanted} %): a wrong \
                  --square-mm would not be detected; take more poses that move the board by several hundred mm"
@@ -139,7 +149,7 @@ impl ReasonCollector {
     /// Compares the focal length that the robot's motions show with the focal length of the lens.
     fn check_focal<A: Arrangement>(&mut self, found: &HandEye<A>) {
         let (Some(focal), Some(moves_mm)) = (&found.focal, found.focal_moves_mm()) else { return };
-        if !focal.contradicts_stated() || moves_mm <= SQUARE_EFFECT_MM.0 {
+        if !focal.contradicts_stated() || moves_mm <= SQUARE_EFFECT_LIMITS_MM.0 {
             return;
         }
         let (share, known) =
@@ -151,7 +161,7 @@ impl ReasonCollector {
             fixed_decimals(moves_mm, 2)
         );
         let reason = Reason::new("focal_length_differs", message);
-        let much = moves_mm.is_nan() || moves_mm > SQUARE_EFFECT_MM.1;
+        let much = moves_mm.is_nan() || moves_mm > SQUARE_EFFECT_LIMITS_MM.1;
         if much { self.rejections.push(reason) } else { self.reviews.push(reason) }
     }
 
@@ -166,7 +176,7 @@ pub fn intrinsics(found: &Calibrated) -> Judgement {
     reasons.check_bounds(
         "rms_px",
         found.rms_px,
-        INTRINSICS_RMS_PX,
+        INTRINSICS_RMS_LIMITS_PX,
         "difference between corners and camera model, rms, px",
     );
     if let Some(shape) = &found.board_shape {
@@ -186,8 +196,8 @@ pub fn intrinsics(found: &Calibrated) -> Judgement {
     reasons.add_review("few_pictures", used < REVIEW_VIEW_COUNT, || {
         format!("{used} pictures were used; take {REVIEW_VIEW_COUNT} or more")
     });
-    reasons.add_review("coverage", found.coverage < MIN_COVERAGE_SHARE, || {
-        let [covered, needed] = distinguishable_percents(found.coverage, MIN_COVERAGE_SHARE, 0);
+    reasons.add_review("coverage", found.coverage < MIN_COVERAGE_FRACTION, || {
+        let [covered, needed] = distinguishable_percents(found.coverage, MIN_COVERAGE_FRACTION, 0);
         format!(
             "corners cover {covered} % of the picture, at least {needed} % are needed; take pictures with the \
              board in the picture's corners, too"
@@ -203,10 +213,10 @@ pub fn intrinsics(found: &Calibrated) -> Judgement {
         );
         Reason::new("support", message)
     };
-    if share.is_nan() || share < SUPPORTED_SHARE.1 {
-        reasons.rejections.push(supported(SUPPORTED_SHARE.1));
-    } else if share < SUPPORTED_SHARE.0 || error_px > MAX_LENS_ERROR_PX {
-        reasons.reviews.push(supported(SUPPORTED_SHARE.0));
+    if share.is_nan() || share < SUPPORTED_FRACTION_LIMITS.1 {
+        reasons.rejections.push(supported(SUPPORTED_FRACTION_LIMITS.1));
+    } else if share < SUPPORTED_FRACTION_LIMITS.0 || error_px > MAX_LENS_ERROR_PX {
+        reasons.reviews.push(supported(SUPPORTED_FRACTION_LIMITS.0));
     }
     let [low, high] = found.tilt_deg;
     reasons.add_review("tilt", high < MIN_TILT_DEG, || {
@@ -218,16 +228,16 @@ pub fn intrinsics(found: &Calibrated) -> Judgement {
         )
     });
     let focal = (found.deviations[0] / found.camera.fx_px).max(found.deviations[1] / found.camera.fy_px);
-    reasons.add_review("focal_length", focal.is_nan() || focal > MAX_FOCAL_STD_SHARE, || {
-        let [known, wanted] = distinguishable_percents(focal, MAX_FOCAL_STD_SHARE, 2);
+    reasons.add_review("focal_length", focal.is_nan() || focal > MAX_RELATIVE_FOCAL_STD, || {
+        let [known, wanted] = distinguishable_percents(focal, MAX_RELATIVE_FOCAL_STD, 2);
         format!(
             "the focal length is known only to {known} % (limit {wanted} %); take more pictures with the board \
                  tilted"
         )
     });
     let centre = (found.deviations[2] / found.camera.fx_px).max(found.deviations[3] / found.camera.fy_px);
-    reasons.add_review("principal_point", centre.is_nan() || centre > MAX_CENTRE_STD_SHARE, || {
-        let [known, wanted] = distinguishable_texts(centre * 1e3, MAX_CENTRE_STD_SHARE * 1e3, 2);
+    reasons.add_review("principal_point", centre.is_nan() || centre > MAX_RELATIVE_CENTRE_STD, || {
+        let [known, wanted] = distinguishable_texts(centre * 1e3, MAX_RELATIVE_CENTRE_STD * 1e3, 2);
         format!(
             "the principal point is known only to {known} mm at 1 m (limit {wanted} mm), and a mount calibrated \
              with it has the same error; take more pictures in which the board fills the picture, tilted in both \
@@ -297,7 +307,7 @@ pub fn judge_hand_eye<A: Arrangement>(
                  and check --square-mm"
             );
             let reason = Reason::new("second_result", message);
-            let much = away.is_nan() || away > HAND_EYE_UNCERTAINTY_MM.0;
+            let much = away.is_nan() || away > HAND_EYE_UNCERTAINTY_LIMITS_MM.0;
             if much { reasons.rejections.push(reason) } else { reasons.reviews.push(reason) }
         }
     }
@@ -323,7 +333,7 @@ impl ReasonCollector {
         if found.suspects.is_empty() && self.rejections.is_empty() && !left_out.is_empty() {
             let (count, all) = (left_out.len(), found.residuals.len());
             let message = format!(
-                "{count} of {all} pictures do not fit the others and were left out: {}; check their poses, or take \
+                "{count} of {all} pictures do not agree with the others and were excluded: {}; check their poses, or take \
                  them again",
                 left_out.join(", ")
             );
@@ -337,13 +347,13 @@ impl ReasonCollector {
         self.check_bounds(
             "uncertainty",
             found.uncertainty_mm,
-            HAND_EYE_UNCERTAINTY_MM,
+            HAND_EYE_UNCERTAINTY_LIMITS_MM,
             &words("uncertainty of the mount at the panel (95 %), mm"),
         );
         self.check_bounds(
             "rms_mm",
             found.rms_mm,
-            HAND_EYE_RMS_MM,
+            HAND_EYE_RMS_LIMITS_MM,
             &words("difference between picture and robot, rms, mm"),
         );
         let spread = found.second_axis_deg;
@@ -369,7 +379,7 @@ impl ReasonCollector {
 }
 
 /// Maximum relative error of the lengths of an arm.
-const MAX_LENGTH_ERROR_SHARE: f64 = 0.003;
+const MAX_RELATIVE_LENGTH_ERROR: f64 = 0.003;
 
 /// Returns why poses cannot be the start of an arm calibration: they have another meaning, or the squares of the board
 /// have another size, which would cause wrong lengths of the arm.
@@ -378,7 +388,7 @@ pub fn starting_pose_problem<A: Arrangement>(found: &HandEye<A>, square_mm: f64)
         return Some(reading.to_string());
     }
     let size = found.square.as_ref().filter(|size| size.contradicts_stated())?;
-    ((size.ratio - 1.0).abs() > MAX_LENGTH_ERROR_SHARE).then(|| {
+    ((size.ratio - 1.0).abs() > MAX_RELATIVE_LENGTH_ERROR).then(|| {
         format!(
             "according to the robot's motions, the board's squares measure {} ± {} mm, but the stated side is \
              {square_mm} mm, and no arm has lengths with an error this large: measure the squares over the whole \
@@ -400,16 +410,16 @@ pub fn three_points<A: Arrangement>(found: &ThreePoints<A>, rough: Option<&Rigid
     let mut reasons = ReasonCollector::default();
     for (error, between) in found.distance_errors_mm.iter().zip(["1 and 2", "2 and 3", "1 and 3"]) {
         let words = format!("difference between the touched and the nominal distance of points {between}, mm");
-        reasons.check_bounds("distance", error.abs(), DISTANCE_ERROR_MM, &words);
+        reasons.check_bounds("distance", error.abs(), DISTANCE_ERROR_LIMITS_MM, &words);
     }
     reasons.check_bounds(
         "pnp_rms_px",
         found.pnp_rms_px,
-        PNP_RMS_PX,
+        PNP_RMS_LIMITS_PX,
         "difference between the board's corners and its pose, rms, px",
     );
     if let Some(check) = found.check_mm {
-        reasons.check_bounds("check_point", check, FOURTH_POINT_ERROR_MM, "error of the fourth point, mm");
+        reasons.check_bounds("check_point", check, FOURTH_POINT_ERROR_LIMITS_MM, "error of the fourth point, mm");
     }
     let unseen = found.check_mm.is_none() || found.is_symmetric;
     reasons.add_review("no_check_point", unseen && rough.is_none(), || match found.check_mm {
@@ -440,7 +450,7 @@ const MAX_NEGLIGIBLE_ARM_ERROR_MM: f64 = 0.15;
 pub fn needs_no_correction(found: &RobotFound) -> bool {
     let (before, after) = (found.uncorrected_left_out_mm, found.corrected_left_out_mm);
     before < MAX_GOOD_ARM_ERROR_MM
-        || (before < MAX_NEGLIGIBLE_ARM_ERROR_MM && after > REMAINING_ERROR_SHARE.1 * before)
+        || (before < MAX_NEGLIGIBLE_ARM_ERROR_MM && after > REMAINING_ERROR_FRACTION_LIMITS.1 * before)
 }
 
 /// Judges whether the correction of the arm reduces the error enough to be used. `views` is the number of pictures.
@@ -451,7 +461,7 @@ pub fn robot(found: &RobotFound, views: usize) -> Judgement {
         return reasons.judgement();
     }
     let share = after / before;
-    if share.is_nan() || share > REMAINING_ERROR_SHARE.1 {
+    if share.is_nan() || share > REMAINING_ERROR_FRACTION_LIMITS.1 {
         let message = format!(
             "the residual of left-out pictures is {before:.3} mm rms without a correction and {after:.3} mm with \
              it, so these data do not determine a correction of the arm; give axis angles with the poses, and more \
@@ -459,8 +469,8 @@ pub fn robot(found: &RobotFound, views: usize) -> Judgement {
         );
         reasons.rejections.push(Reason::new("no_correction", message));
     }
-    reasons.add_review("little_help", share > REMAINING_ERROR_SHARE.0, || {
-        let [share, wanted] = distinguishable_percents(1.0 - share, 1.0 - REMAINING_ERROR_SHARE.0, 0);
+    reasons.add_review("little_help", share > REMAINING_ERROR_FRACTION_LIMITS.0, || {
+        let [share, wanted] = distinguishable_percents(1.0 - share, 1.0 - REMAINING_ERROR_FRACTION_LIMITS.0, 0);
         format!(
             "the correction reduces the error of left-out pictures by {share} %, at least {wanted} % are needed; \
              take more poses"
@@ -469,7 +479,7 @@ pub fn robot(found: &RobotFound, views: usize) -> Judgement {
     reasons.check_bounds(
         "left_out_mm",
         after,
-        LEFT_OUT_ERROR_MM,
+        LEFT_OUT_ERROR_LIMITS_MM,
         "error of left-out pictures with the correction, rms, mm",
     );
     reasons.add_review("few_pictures", views < REVIEW_ARM_VIEW_COUNT, || {
@@ -484,7 +494,7 @@ pub fn tool(point: &ToolPoint, axis: Option<&ToolAxis>, readings: &[PoseReading]
     let mut reasons = ReasonCollector::default();
     let fitting: Vec<String> = readings.iter().map(|reading| format!(" ({reading})")).collect();
     let words = format!("distance of the tip from the spot, rms, mm{}", fitting.join(""));
-    reasons.check_bounds("rms_mm", point.rms_mm, TOOL_RMS_MM, &words);
+    reasons.check_bounds("rms_mm", point.rms_mm, TOOL_RMS_LIMITS_MM, &words);
     match axis {
         None => reasons.add_review("no_axis", true, || {
             "the tool's axis was not measured, so this tool is valid as a pointer, but refused for sanding; add \
@@ -496,12 +506,12 @@ pub fn tool(point: &ToolPoint, axis: Option<&ToolAxis>, readings: &[PoseReading]
             reasons.check_bounds(
                 "axis",
                 worst,
-                AXIS_SCATTER_DEG,
+                AXIS_SCATTER_LIMITS_DEG,
                 "difference between the touches in the direction of the axis, \
                                                     degrees",
             );
             if let Some(rms_mm) = axis.plate_rms_mm {
-                reasons.check_bounds("plate", rms_mm, TOOL_RMS_MM, "unevenness of the plate, rms, mm");
+                reasons.check_bounds("plate", rms_mm, TOOL_RMS_LIMITS_MM, "unevenness of the plate, rms, mm");
             }
         }
     }

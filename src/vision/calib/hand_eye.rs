@@ -44,11 +44,11 @@ const MAX_PLAUSIBLE_RMS_MM: f64 = 0.5;
 /// The difference between the pose of the board from the picture and its pose from the robot.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Residual {
-    /// The picture.
+    /// Name of the picture.
     pub name: String,
     /// Distance at the centre of the board, mm.
     pub distance_mm: f64,
-    /// Turn, degrees.
+    /// Angle of the rotation between the two poses, degrees.
     pub angle_deg: f64,
     /// Whether the picture was used for the result.
     pub used: bool,
@@ -486,7 +486,7 @@ impl<C: Frame> StationSet<'_, C> {
     }
 }
 
-/// A recommended pose.
+/// A recommended next pose.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Suggestion {
     /// The pose to which the flange must move.

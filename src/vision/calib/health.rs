@@ -38,7 +38,7 @@ pub struct Verification {
 pub struct Strike {
     /// Name of the person.
     pub by: String,
-    /// The reason.
+    /// Reason of the strike.
     pub why: String,
     /// Time of the strike, seconds since 1970.
     pub at_unix_s: i64,
@@ -49,7 +49,7 @@ pub struct Strike {
 pub struct VerificationLimits {
     /// Maximum error, in the unit of the subject.
     pub limit: f64,
-    /// Largest age, hours.
+    /// Maximum age of the verification, hours.
     pub max_age_h: f64,
 }
 
@@ -92,7 +92,7 @@ const MAX_PNP_RMS_PX: f64 = 1.0;
 /// corner, the board appears rotated by 90° or 180°.
 const MAX_BOARD_ROTATION_DEG: f64 = 20.0;
 /// Maximum relative difference between the size of the squares that the 3D camera measures and the stated size.
-const MAX_SQUARE_DIFFERENCE_SHARE: f64 = 0.02;
+const MAX_RELATIVE_SQUARE_DIFFERENCE: f64 = 0.02;
 
 /// The pose of a board, measured with one picture.
 #[derive(Debug, Clone, Copy)]
@@ -117,8 +117,8 @@ pub fn board_mismatch(look: &BoardMeasurement, board: &Board) -> Option<Reason> 
     }
     let (measured_mm, square_mm) = (look.measured_square_mm?, board.square_mm());
     let differs = (measured_mm / square_mm - 1.0).abs();
-    (differs.is_nan() || differs > MAX_SQUARE_DIFFERENCE_SHARE).then(|| {
-        let [share, allowed] = distinguishable_percents(differs, MAX_SQUARE_DIFFERENCE_SHARE, 1);
+    (differs.is_nan() || differs > MAX_RELATIVE_SQUARE_DIFFERENCE).then(|| {
+        let [share, allowed] = distinguishable_percents(differs, MAX_RELATIVE_SQUARE_DIFFERENCE, 1);
         implausible_reason(format!(
             "the 3D camera measures squares of {} mm, but the stated side is {square_mm} mm, a difference of \
              {share} % (limit {allowed} %): measure the board, and correct its size.",
@@ -181,7 +181,7 @@ pub fn depth_differs(farther_mm: f64, limit_mm: f64) -> Option<Reason> {
         let [found, allowed] = distinguishable_texts(farther_mm.abs(), limit_mm, 2);
         let way = if farther_mm > 0.0 { "farther away" } else { "nearer" };
         let message = format!(
-            "the 3D camera's own points put the board {found} mm {way} than its picture does (limit {allowed} mm): \
+            "according to the points of the 3D camera, the board is {found} mm {way} than according to its picture (limit {allowed} mm): \
              measure the board's squares, and measure the camera's scale with `panelprep calibrate scanner`"
         );
         Reason::new("depth_differs", message)
@@ -264,13 +264,13 @@ pub fn health(
 }
 
 /// Fraction of the maximum age of a verification after which a warning is given.
-const WARNING_AGE_SHARE: f64 = 0.9;
+const WARNING_AGE_FRACTION: f64 = 0.9;
 
 /// Returns a warning for a verification that is still valid but will soon be too old.
 pub fn expiry_warning(last: &Verification, now_unix_s: i64, demands: VerificationLimits) -> Option<Reason> {
     let age_h = (now_unix_s - last.at_unix_s) as f64 / 3600.0;
     let is_soon =
-        last.struck.is_none() && age_h > WARNING_AGE_SHARE * demands.max_age_h && age_h <= demands.max_age_h;
+        last.struck.is_none() && age_h > WARNING_AGE_FRACTION * demands.max_age_h && age_h <= demands.max_age_h;
     is_soon.then(|| {
         let (subject, advice) = (&last.subject, advice(&last.subject));
         let [age, allowed] = distinguishable_texts(age_h, demands.max_age_h, 1);
@@ -443,7 +443,7 @@ mod tests {
     /// Expected value, calculated by hand: if the board is rotated by 0.01 rad about its origin, a corner 100 mm away
     /// has an error of 1 mm.
     #[test]
-    fn the_farthest_corner_counts() {
+    fn the_error_is_that_of_the_farthest_corner() {
         let known: Rigid<Base, BoardFrame> =
             Rigid::from_isometry_unchecked(Isometry3::translation(500.0, 0.0, 0.0));
         let found = known * Rigid::from_isometry_unchecked(Isometry3::rotation(Vector3::z() * 0.01));

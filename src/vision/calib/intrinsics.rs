@@ -46,7 +46,7 @@ pub struct View {
 /// The result of the calibration for one picture.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ViewResult {
-    /// The picture.
+    /// Name of the picture.
     pub name: String,
     /// Root mean square distance of the picture's corners from the camera model, px.
     pub rms_px: f64,
@@ -82,7 +82,7 @@ pub struct Calibrated {
     pub left_out_95_px: f64,
     /// Standard deviations of fx, fy, cx, cy (px), k1, k2, p1, p2, k3.
     pub deviations: [f64; 9],
-    /// Covariance of the coefficients.
+    /// Covariance of the lens parameters fx, fy, cx, cy, k1, k2, p1, p2, k3.
     pub covariance: LensCovariance,
     /// The part of the picture in which the lens is calibrated.
     pub support: LensSupport,
@@ -123,7 +123,7 @@ const MIN_OUTLIER_RATIO: f64 = 2.5;
 /// Maximum residual of a picture that is good independently of the others, px.
 const MAX_GOOD_RMS_PX: f64 = 0.15;
 /// Maximum fraction of the pictures that are excluded.
-const MAX_EXCLUDED_SHARE: f64 = 0.34;
+const MAX_EXCLUDED_FRACTION: f64 = 0.34;
 const COVERAGE_FIELDS: (usize, usize) = (8, 6);
 
 /// Calibrates the intrinsics of a camera from pictures of a board.
@@ -144,7 +144,7 @@ pub fn calibrate(size: (usize, usize), views: &[View], options: Options) -> Resu
         let first = fit_lens(size, &used, options.model.unwrap_or(LensModel::Tangential))?;
         let rms = rms_per_picture(&first, &used);
         let set_aside = aside.iter().flatten().count() + 1;
-        let allowed = !options.keep_all_pictures && set_aside as f64 <= MAX_EXCLUDED_SHARE * views.len() as f64;
+        let allowed = !options.keep_all_pictures && set_aside as f64 <= MAX_EXCLUDED_FRACTION * views.len() as f64;
         // One picture at a time is excluded, then the lens is fitted again: a bad picture changes the lens, so that
         // good pictures appear worse than they are.
         let Some((worst, limit_px)) = worst_outlier(&rms).filter(|_| allowed && used.len() > MIN_VIEWS) else {
@@ -298,7 +298,7 @@ fn board_tilts(poses: &[Rigid<Camera, Board>]) -> [f64; 2] {
 /// Prediction error of one lens model on the left-out pictures.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ModelTrial {
-    /// The model.
+    /// The lens model.
     pub model: LensModel,
     /// Root mean square distance of corners in left-out pictures, px; `None` if the model could not be fitted.
     pub left_out_rms_px: Option<f64>,
@@ -311,7 +311,7 @@ pub struct ModelTrial {
 /// The distances of the corners of a left-out picture from the lens that was fitted to the other pictures, px.
 type LeftOutDistances = Vec<f64>;
 
-/// The judged models.
+/// The selected model, with the trials of all models.
 struct ModelChoice {
     pub model: LensModel,
     pub trials: Vec<ModelTrial>,

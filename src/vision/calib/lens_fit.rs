@@ -34,19 +34,19 @@ use strum::{IntoStaticStr, VariantArray};
 /// A lens model; each model contains the coefficients of the models before it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, IntoStaticStr, VariantArray)]
 pub enum LensModel {
-    /// No distortion.
+    /// A pinhole camera without distortion.
     #[strum(serialize = "pinhole")]
     Pinhole,
-    /// k1.
+    /// Distortion with the coefficient k1.
     #[strum(serialize = "k1")]
     Radial1,
-    /// k1, k2.
+    /// Distortion with the coefficients k1, k2.
     #[strum(serialize = "k1k2")]
     Radial2,
-    /// k1, k2, p1, p2.
+    /// Distortion with the coefficients k1, k2, p1, p2.
     #[strum(serialize = "k1k2p1p2")]
     Tangential,
-    /// k1, k2, p1, p2, k3.
+    /// Distortion with the coefficients k1, k2, p1, p2, k3.
     #[strum(serialize = "k1k2p1p2k3")]
     Full,
 }
@@ -108,9 +108,9 @@ const BARRIER_PX2: f64 = 2.5e-3;
 const CONVERGENCE_TOLERANCE: f64 = 1e-10;
 /// Minimum derivative of the distorted radius with respect to the undistorted one.
 const MIN_SLOPE: f64 = 0.05;
-const BARRIER_RADII: usize = 12;
+const BARRIER_RADIUS_COUNT: usize = 12;
 /// Usual standard deviation of the principal point from the centre, as a fraction of the picture's side.
-const CENTRE_PRIOR_SHARE: f64 = 0.15;
+const RELATIVE_CENTRE_PRIOR_STD: f64 = 0.15;
 /// Prior standard deviation of the ratio of both focal lengths, whose expected value is 1.
 const FOCAL_RATIO_PRIOR: f64 = 0.02;
 
@@ -289,7 +289,7 @@ fn prior_residuals(camera: &PinholeCamera) -> [(f64, SVector<f64, 9>); 3] {
         places.iter().for_each(|(place, value)| slope[*place] = *value);
         slope
     };
-    let (u, v) = (CENTRE_PRIOR_SHARE * across, CENTRE_PRIOR_SHARE * down);
+    let (u, v) = (RELATIVE_CENTRE_PRIOR_STD * across, RELATIVE_CENTRE_PRIOR_STD * down);
     let ratio =
         by(&[(0, 1.0 / (FOCAL_RATIO_PRIOR * camera.fx_px)), (1, -1.0 / (FOCAL_RATIO_PRIOR * camera.fy_px))]);
     [
@@ -302,8 +302,8 @@ fn prior_residuals(camera: &PinholeCamera) -> [(f64, SVector<f64, 9>); 3] {
 /// Returns s of (1) at each radius, and its derivative with respect to the lens.
 fn radial_barrier(camera: &PinholeCamera, radius: f64) -> impl Iterator<Item = (f64, SVector<f64, 9>)> {
     let PinholeCamera { k1, k2, k3, .. } = *camera;
-    (1..=BARRIER_RADII).map(move |index| {
-        let r2 = (radius * index as f64 / BARRIER_RADII as f64).powi(2);
+    (1..=BARRIER_RADIUS_COUNT).map(move |index| {
+        let r2 = (radius * index as f64 / BARRIER_RADIUS_COUNT as f64).powi(2);
         let by = [3.0 * r2, 5.0 * r2 * r2, 7.0 * r2.powi(3)];
         let slope = 1.0 + k1 * by[0] + k2 * by[1] + k3 * by[2] - 0.9 * MIN_SLOPE;
         (slope, SVector::from([0.0, 0.0, 0.0, 0.0, by[0], by[1], 0.0, 0.0, by[2]]))
@@ -371,10 +371,10 @@ impl LensGram {
 }
 
 /// Prior standard deviation of the displacement of the rim by radial terms, as a fraction of its radius.
-const RADIAL_PRIOR_SHARE: f64 = 0.2;
+const RELATIVE_RADIAL_PRIOR_STD: f64 = 0.2;
 /// Prior standard deviation of the displacement of the rim by tangential terms, as a fraction of its radius: lenses of
 /// one manufacturer differ by a thousandth.
-const TANGENTIAL_PRIOR_SHARE: f64 = 0.01;
+const RELATIVE_TANGENTIAL_PRIOR_STD: f64 = 0.01;
 
 /// Returns the sum of the information of corners and prior, in units of `variance_px2`; `None` if a picture determines
 /// no pose.
@@ -385,11 +385,11 @@ pub(super) fn information(camera: &PinholeCamera, grams: &[LensGram], variance_p
     }
     let radius = camera.max_undistorted_radius(0.0)?;
     for (place, power, share) in [
-        (4, 2, RADIAL_PRIOR_SHARE),
-        (5, 4, RADIAL_PRIOR_SHARE),
-        (6, 1, TANGENTIAL_PRIOR_SHARE),
-        (7, 1, TANGENTIAL_PRIOR_SHARE),
-        (8, 6, RADIAL_PRIOR_SHARE),
+        (4, 2, RELATIVE_RADIAL_PRIOR_STD),
+        (5, 4, RELATIVE_RADIAL_PRIOR_STD),
+        (6, 1, RELATIVE_TANGENTIAL_PRIOR_STD),
+        (7, 1, RELATIVE_TANGENTIAL_PRIOR_STD),
+        (8, 6, RELATIVE_RADIAL_PRIOR_STD),
     ] {
         let deviation = share / radius.powi(power);
         normal[(place, place)] += variance_px2 / deviation.powi(2);
@@ -400,7 +400,7 @@ pub(super) fn information(camera: &PinholeCamera, grams: &[LensGram], variance_p
     Some(normal)
 }
 
-/// C of (2).
+/// Returns the covariance C of (2) for this information; `None` if the information determines no lens.
 pub(super) fn lens_covariance(information: &LensCovariance, variance_px2: f64) -> Option<LensCovariance> {
     Some(scaled_inverse(information)? * variance_px2)
 }

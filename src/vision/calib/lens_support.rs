@@ -34,10 +34,10 @@ pub struct LensSupport {
 pub const MAX_LENS_ERROR_PX: f64 = 0.3;
 /// Ratio of the stated error to the error in the centre of the corners, if the error is larger than
 /// [`MAX_LENS_ERROR_PX`] even there. The stated error is at most `MAX_STATED_ERROR_PX`, px.
-const MAX_RATIO_TO_MIDDLE: f64 = 1.5;
+const MAX_RATIO_TO_CENTRE: f64 = 1.5;
 const MAX_STATED_ERROR_PX: f64 = 3.0;
 /// The 95 % quantile of χ² with two degrees of freedom.
-const CHI2_2_QUANTILE_95: f64 = 5.991;
+const CHI_SQUARE_2_DOF_QUANTILE_95: f64 = 5.991;
 const OUTLINE_DIRECTIONS: usize = 48;
 const OUTLINE_STEPS: usize = 60;
 /// Maximum number of corners to which the pose is fitted.
@@ -60,7 +60,7 @@ pub(super) fn compute_support(
     );
     // If the error is larger than the limit even in the centre, the stated part is the part in which the error is
     // hardly larger than in the centre.
-    let allowed_px = MAX_LENS_ERROR_PX.max(MAX_RATIO_TO_MIDDLE * error_at(middle));
+    let allowed_px = MAX_LENS_ERROR_PX.max(MAX_RATIO_TO_CENTRE * error_at(middle));
     if allowed_px.is_nan() || allowed_px > MAX_STATED_ERROR_PX {
         return nowhere;
     }
@@ -126,7 +126,7 @@ fn error_px(
     let (by_lens, by_pose) = pixel_jacobians(camera, pixel)?;
     let left = by_lens - by_pose * follow;
     let spread: Matrix2<f64> = left * covariance * left.transpose();
-    Some((CHI2_2_QUANTILE_95 * spread.symmetric_eigenvalues().max()).sqrt())
+    Some((CHI_SQUARE_2_DOF_QUANTILE_95 * spread.symmetric_eigenvalues().max()).sqrt())
 }
 
 /// A recommended next picture.
@@ -144,9 +144,9 @@ const COLUMNS: [(f64, &str); 3] = [(0.25, "left"), (0.5, ""), (0.75, "right")];
 const ROWS: [(f64, &str); 3] = [(0.27, "upper"), (0.5, ""), (0.73, "lower")];
 const TILT_DEG: f64 = 35.0;
 /// Maximum fraction of the error that may remain after a useful picture.
-const MAX_REMAINING_SHARE: f64 = 0.98;
+const MAX_REMAINING_FRACTION: f64 = 0.98;
 /// Widths of the board as fractions of the picture's width, the largest first.
-const BOARD_WIDTH_SHARES: [f64; 4] = [0.8, 0.6, 0.45, 0.3];
+const RELATIVE_BOARD_WIDTHS: [f64; 4] = [0.8, 0.6, 0.45, 0.3];
 
 /// Returns the best next picture; `information` is the sum of the information of corners and prior about the lens.
 pub(super) fn best_next_picture(
@@ -159,7 +159,7 @@ pub(super) fn best_next_picture(
     for (across, column) in COLUMNS {
         for (down, row) in ROWS {
             for (turn, tilt) in candidate_tilts() {
-                let Some((width, gram)) = BOARD_WIDTH_SHARES.iter().find_map(|&width| {
+                let Some((width, gram)) = RELATIVE_BOARD_WIDTHS.iter().find_map(|&width| {
                     let pose = candidate_pose(camera, board, (across, down), turn, width)?;
                     Some((width, simulate_view(camera, board, &pose)?))
                 }) else {
@@ -183,7 +183,7 @@ pub(super) fn best_next_picture(
             }
         }
     }
-    best.filter(|best| best.error_share < MAX_REMAINING_SHARE)
+    best.filter(|best| best.error_share < MAX_REMAINING_FRACTION)
 }
 
 fn describe_picture(column: &str, row: &str, tilt: &str, width: f64) -> String {

@@ -21,7 +21,7 @@ use std::collections::BTreeMap;
 /// Detected corners and the window that refined them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DetectedCorners {
-    /// The corners.
+    /// The detected corners, each as a point on the board and its pixel.
     pub corners: Corners,
     /// Half side of the window, px.
     pub half_window_px: usize,
@@ -29,7 +29,7 @@ pub struct DetectedCorners {
     pub modelled_count: usize,
 }
 
-const WINDOW_SHARE: f64 = 0.35;
+const RELATIVE_WINDOW_SIZE: f64 = 0.35;
 const WINDOW_LIMITS_PX: (f64, f64) = (3.0, 11.0);
 
 /// Refines the approximate corners of a board with `cornerSubPix`.
@@ -40,7 +40,8 @@ pub(super) fn refine_subpix(
     half_window_px: Option<usize>,
 ) -> Result<DetectedCorners, ImagingError> {
     let chosen_px = half_window_px.unwrap_or_else(|| {
-        (WINDOW_SHARE * shortest_px(rough, square_mm)).clamp(WINDOW_LIMITS_PX.0, WINDOW_LIMITS_PX.1) as usize
+        (RELATIVE_WINDOW_SIZE * shortest_px(rough, square_mm)).clamp(WINDOW_LIMITS_PX.0, WINDOW_LIMITS_PX.1)
+            as usize
     });
     let pixels: Vec<Pixel> = rough.iter().map(|(_, pixel)| *pixel).collect();
     let pixels = foreign::refine_corners(picture, &pixels, chosen_px)?;

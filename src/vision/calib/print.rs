@@ -64,21 +64,21 @@ pub(super) struct MatchWindow {
 
 const UNKNOWNS: usize = 9;
 /// Standard deviations of the blur that are tried, px.
-const BLURS_PX: [f64; 6] = [0.3, 0.7, 1.2, 1.7, 2.3, 3.0];
+const TRIED_BLURS_PX: [f64; 6] = [0.3, 0.7, 1.2, 1.7, 2.3, 3.0];
 /// Maximum number of renderings of the print. The loop ends earlier if the displacement is below `CONVERGENCE_PX`.
 const MAX_RENDERINGS: usize = 5;
 const CONVERGENCE_PX: f64 = 0.03;
 /// Number of iterations that reduce the weights of pixels with large residuals.
 const REWEIGHTING_STEPS: usize = 4;
 /// Minimum fraction of the pixels of the window that must show the print.
-const MIN_PRINT_SHARE: f64 = 0.4;
+const MIN_PRINT_FRACTION: f64 = 0.4;
 /// Minimum contrast of a print, grey levels.
 const MIN_CONTRAST: f64 = 8.0;
 /// Minimum expected residual at the edges of a print, because it differs slightly from its nominal geometry, as a
 /// fraction of the contrast.
-const MIN_RESIDUAL_SHARE: f64 = 0.06;
+const MIN_RELATIVE_RESIDUAL: f64 = 0.06;
 /// Maximum residual in addition to the noise, as a fraction of the contrast.
-const MAX_RESIDUAL_SHARE: f64 = 0.2;
+const MAX_RELATIVE_RESIDUAL: f64 = 0.2;
 
 impl Print {
     /// Returns the print of a chessboard, or of a board with markers.
@@ -149,7 +149,7 @@ impl Print {
     /// Returns the blur at which the rendered print is most similar to the picture at these positions, px.
     pub fn blur_px(&self, picture: &GrayPicture, views: &[MatchWindow], noise: f64) -> f64 {
         let of = |blur_px: f64| (blur_px, self.match_statistics(picture, views, (blur_px, noise)));
-        best_candidate(BLURS_PX.map(of)).unwrap_or(BLURS_PX[1])
+        best_candidate(TRIED_BLURS_PX.map(of)).unwrap_or(TRIED_BLURS_PX[1])
     }
 
     /// Returns the number of positions at which the print is found, and its mean residual as a fraction of the
@@ -274,7 +274,7 @@ fn fit_print(drawn: &RenderedWindow, noise: f64) -> Option<PrintMatch> {
         let found = factor.solve(&pull);
         let left: Vec<f64> = drawn.pixels.iter().map(|seen| seen.gray - by(seen).dot(&found)).collect();
         let usual = median(&mut left.iter().map(|left| left.abs()).collect::<Vec<_>>())? / 0.674;
-        let scale = 2.5 * usual.max(noise).max(MIN_RESIDUAL_SHARE * found[3].abs()).max(0.5);
+        let scale = 2.5 * usual.max(noise).max(MIN_RELATIVE_RESIDUAL * found[3].abs()).max(0.5);
         weights = left.iter().map(|left| (1.0 + (left / scale).powi(2)).powi(-2)).collect();
         last = Some((found, factor, left, scale));
     }
@@ -289,7 +289,8 @@ fn fit_print(drawn: &RenderedWindow, noise: f64) -> Option<PrintMatch> {
     let rms = (near.iter().map(|left| left * left).sum::<f64>() / near.len().max(1) as f64).sqrt();
     let contrast = found[3];
     let beyond = (rms * rms - 1.5 * noise * noise).max(0.0).sqrt();
-    if part < MIN_PRINT_SHARE || contrast.abs() < MIN_CONTRAST || beyond > MAX_RESIDUAL_SHARE * contrast.abs() {
+    if part < MIN_PRINT_FRACTION || contrast.abs() < MIN_CONTRAST || beyond > MAX_RELATIVE_RESIDUAL * contrast.abs()
+    {
         return None;
     }
     let spread = factor.inverse();

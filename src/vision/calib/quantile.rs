@@ -54,9 +54,9 @@ pub(super) fn radius_95(covariance_mm2: &Matrix3<f64>, redundancy: f64) -> f64 {
 
 /// Distance between poses that is equivalent to a rotation of one radian, mm: the errors of an arm change with its
 /// axes, which rotate and move the flange.
-const LEVER_MM: f64 = 300.0;
+const ROTATION_LEVER_MM: f64 = 300.0;
 /// ν: fraction of the variance that is independent from pose to pose, because of repeatability and pictures.
-const INDEPENDENT_VARIANCE_SHARE: f64 = 0.1;
+const INDEPENDENT_VARIANCE_FRACTION: f64 = 0.1;
 /// The correlation lengths L that are tried, mm.
 const CORRELATION_LENGTHS_MM: [f64; 7] = [30.0, 60.0, 100.0, 150.0, 220.0, 320.0, 450.0];
 /// Minimum increase of the log-likelihood for a correlation. With independent errors, about two of a hundred
@@ -87,13 +87,16 @@ pub(super) fn correlated_pose_count(poses: &[(Rigid<Base, Flange>, Twist)]) -> f
 }
 
 fn distance_mm(one: &Rigid<Base, Flange>, other: &Rigid<Base, Flange>) -> f64 {
-    one.origin().distance_mm(other.origin()).hypot(LEVER_MM * (one.inverse() * *other).rotation_angle().to_rad())
+    one.origin()
+        .distance_mm(other.origin())
+        .hypot(ROTATION_LEVER_MM * (one.inverse() * *other).rotation_angle().to_rad())
 }
 
-/// The matrix (1).
+/// Returns the correlation matrix (1) of poses at these distances, for a correlation length.
 fn correlation(distances_mm: &DMatrix<f64>, length_mm: f64) -> DMatrix<f64> {
-    let alike = distances_mm.map(|mm| (1.0 - INDEPENDENT_VARIANCE_SHARE) * (-0.5 * (mm / length_mm).powi(2)).exp());
-    alike + DMatrix::identity(distances_mm.nrows(), distances_mm.ncols()) * INDEPENDENT_VARIANCE_SHARE
+    let alike =
+        distances_mm.map(|mm| (1.0 - INDEPENDENT_VARIANCE_FRACTION) * (-0.5 * (mm / length_mm).powi(2)).exp());
+    alike + DMatrix::identity(distances_mm.nrows(), distances_mm.ncols()) * INDEPENDENT_VARIANCE_FRACTION
 }
 
 /// Returns the log-likelihood of all components, up to a constant. Each component has its most likely variance.
@@ -155,7 +158,7 @@ mod tests {
     /// Five groups of three poses, 10 mm apart in a group and 1500 mm between groups, with one error for each group:
     /// nearly three poses have the weight of one, because each pose also has an independent part.
     #[test]
-    fn groups_of_poses_count_once() {
+    fn a_group_of_similar_poses_has_the_weight_of_one() {
         let mut random = Pcg64::seed_from_u64(2);
         let mut poses = Vec::new();
         for group in 0..5 {

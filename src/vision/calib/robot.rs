@@ -16,8 +16,8 @@
 
 use super::adjust::scaled_inverse;
 use super::arm_errors;
-use super::arm_errors::{ARM_NUMBERS, AxisFault};
-pub use super::arm_errors::{ArmPose, Correction, SMOOTH_PARAMETER_COUNT};
+use super::arm_errors::{ARM_PARAMETER_COUNT, AxisFault};
+pub use super::arm_errors::{ArmPose, Correction, SMOOTH_NUMBERS};
 use super::error::CalibError;
 use super::quantile::radius_95;
 pub use super::robot_settle::{ArmTouch, ArmView, Rig, RigKind, RobotData, TouchTarget};
@@ -38,7 +38,7 @@ const GROUPS: usize = 5;
 fn initial_correction(data: &RobotData) -> Correction {
     let poses = || data.views.iter().map(|view| &view.pose).chain(data.touches.iter().map(|touch| &touch.pose));
     if poses().all(|pose| pose.joints.is_some()) {
-        return Correction::Geometry { geometry: data.geometry, errors: [0.0; ARM_NUMBERS] };
+        return Correction::Geometry { geometry: data.geometry, errors: [0.0; ARM_PARAMETER_COUNT] };
     }
     let along = |axis: usize| poses().map(move |pose| pose.base_from_flange.origin().mm[axis]);
     let low: [f64; 3] = std::array::from_fn(|axis| along(axis).fold(f64::INFINITY, f64::min));
@@ -214,7 +214,7 @@ fn cross_validate(state: &State, data: &RobotData) -> Option<Vec<LeftOutError>> 
 pub struct EstimatedParameter {
     /// Name of the parameter, with its unit.
     pub name: String,
-    /// Its value.
+    /// Value of the parameter.
     pub value: f64,
     /// Uncertainty of the parameter, 95 %.
     pub uncertainty: f64,
@@ -226,9 +226,9 @@ pub struct EstimatedParameter {
 /// The estimated errors of an arm with the evidence for them.
 #[derive(Debug, Clone)]
 pub struct RobotFound {
-    /// The correction.
+    /// The correction of the flange pose.
     pub correction: Correction,
-    /// Its numbers.
+    /// The parameters of the correction, with their uncertainties.
     pub numbers: Vec<EstimatedParameter>,
     /// The rigs, calculated with the correction.
     pub rigs: Vec<Rig>,
@@ -328,7 +328,7 @@ fn axis_angle_problem(data: &RobotData) -> Option<String> {
     if data.views.iter().all(|view| view.pose.joints.is_none()) {
         return None;
     }
-    let drawn = |joints: &Joints| arm_errors::base_from_flange(&data.geometry, joints, &[0.0; ARM_NUMBERS]);
+    let drawn = |joints: &Joints| arm_errors::base_from_flange(&data.geometry, joints, &[0.0; ARM_PARAMETER_COUNT]);
     let poses = || data.views.iter().filter_map(|view| Some((&view.pose, view.pose.joints.as_ref()?)));
     let misfit = |mend: &dyn Fn(&Joints) -> Joints| -> (f64, f64) {
         poses().fold((0.0, 0.0), |(mm, deg), (pose, joints)| {

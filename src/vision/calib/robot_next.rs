@@ -35,16 +35,16 @@ pub struct Viewpoint {
 pub struct Candidate {
     /// The view from this pose.
     pub viewpoint: Viewpoint,
-    /// The pose.
+    /// The pose of the arm.
     pub pose: ArmPose,
 }
 
-/// The next pose.
+/// The recommended next pose.
 #[derive(Debug, Clone)]
 pub struct NextPose {
     /// Index of the rig whose board the picture shows.
     pub rig: usize,
-    /// The pose.
+    /// The pose of the arm.
     pub pose: ArmPose,
     /// The least certain parameter among those that the data determine.
     pub weakest_parameter: String,
@@ -57,14 +57,14 @@ pub struct NextPose {
 impl NextPose {
     /// Returns whether no further picture would reduce the stated error of the tip enough.
     pub fn is_sufficient(&self) -> bool {
-        self.tip_share > MAX_REMAINING_SHARE
+        self.tip_share > MAX_REMAINING_FRACTION
     }
 }
 
 /// Maximum fraction of the tip's stated error that may remain after a useful picture.
-const MAX_REMAINING_SHARE: f64 = 0.95;
+const MAX_REMAINING_FRACTION: f64 = 0.95;
 /// Maximum ratio of the standard deviation of a determined parameter to its usual one.
-pub const DETERMINED_SHARE: f64 = 0.7;
+pub const MAX_DETERMINED_STD_RATIO: f64 = 0.7;
 const PARTS: [f64; 3] = [0.28, 0.5, 0.72];
 const TILTS_DEG: [f64; 2] = [20.0, 42.0];
 const CANDIDATE_ROTATIONS: usize = 4;
@@ -154,7 +154,7 @@ struct InformationGain {
 /// if there is no candidate, or the data determine no parameter.
 pub fn best_next_pose(found: &RobotFound, candidates: &[Candidate], volume: &[ArmPose]) -> Option<NextPose> {
     let own = found.state.free_parameter_count();
-    let determined = (0..own).filter(|index| found.numbers[*index].remaining_share < DETERMINED_SHARE);
+    let determined = (0..own).filter(|index| found.numbers[*index].remaining_share < MAX_DETERMINED_STD_RATIO);
     let weakest = determined
         .max_by(|a, b| found.numbers[*a].remaining_share.total_cmp(&found.numbers[*b].remaining_share))?;
     let slopes: Vec<DMatrix<f64>> = volume
@@ -164,7 +164,7 @@ pub fn best_next_pose(found: &RobotFound, candidates: &[Candidate], volume: &[Ar
         })
         .collect();
     let gains: Vec<Option<InformationGain>> =
-        candidates.par_iter().map(|candidate| gain(found, candidate, weakest, &slopes)).collect();
+        candidates.par_iter().map(|candidate| compute_gain(found, candidate, weakest, &slopes)).collect();
     let by = |criterion: fn(&InformationGain) -> f64| {
         let all = gains.iter().enumerate().filter_map(|(index, gain)| Some((index, criterion(gain.as_ref()?))));
         all.min_by(|a, b| a.1.total_cmp(&b.1))
@@ -182,7 +182,7 @@ pub fn best_next_pose(found: &RobotFound, candidates: &[Candidate], volume: &[Ar
 }
 
 /// Computes the information gain of a picture at this pose by (1).
-fn gain(
+fn compute_gain(
     found: &RobotFound,
     candidate: &Candidate,
     weakest: usize,

@@ -31,14 +31,14 @@ pub struct Rig {
     pub board: Isometry3<f64>,
 }
 
-/// A picture.
+/// A picture of a board, with the pose of the arm.
 #[derive(Debug, Clone)]
 pub struct ArmView {
     /// Name of the picture in messages.
     pub name: String,
     /// Index of the rig that captured the picture.
     pub rig: usize,
-    /// The robot's pose.
+    /// The pose of the arm at the picture.
     pub pose: ArmPose,
     /// The pose of the board in the picture.
     pub camera_from_board: Isometry3<f64>,
@@ -99,14 +99,14 @@ pub enum TouchTarget {
     Corner {
         /// Index of the rig with this board.
         rig: usize,
-        /// The corner.
+        /// The touched corner, on the board.
         place: Point<Board>,
     },
     /// A position that the fixed camera sees.
     Seen {
         /// Index of the rig with this camera.
         rig: usize,
-        /// The place.
+        /// The touched position in the camera frame.
         place: Point<Camera>,
     },
 }
@@ -116,7 +116,7 @@ pub enum TouchTarget {
 pub struct ArmTouch {
     /// The touched target.
     pub target: TouchTarget,
-    /// The robot's pose.
+    /// The pose of the arm at the touch.
     pub pose: ArmPose,
 }
 
@@ -125,11 +125,11 @@ pub struct ArmTouch {
 pub struct RobotData {
     /// The nominal geometry of the arm.
     pub geometry: ArmGeometry,
-    /// The rigs.
+    /// The rigs of camera and board.
     pub rigs: Vec<Rig>,
-    /// The pictures.
+    /// The pictures of the boards.
     pub views: Vec<ArmView>,
-    /// The touches.
+    /// The touches of the tip.
     pub touches: Vec<ArmTouch>,
 }
 
@@ -141,7 +141,7 @@ const MAX_STEPS: usize = 40;
 /// Minimum and maximum ratio of the errors of an arm to the usual ones.
 const ERROR_FACTOR_RANGE: (f64, f64) = (0.3, 4.0);
 
-/// The estimated parameters.
+/// The parameters that are estimated, with a flag for each optional part.
 #[derive(Debug, Clone)]
 pub(super) struct State {
     pub correction: Correction,
@@ -265,7 +265,7 @@ fn prior_knowledge(state: &State, usual: &[f64]) -> Vec<(usize, f64, f64)> {
     all
 }
 
-/// Levenberg–Marquardt on (1).
+/// Minimises (1) by Levenberg–Marquardt; `None` if the iteration does not converge.
 pub(super) fn levenberg_marquardt(
     start: State,
     views: &[&ArmView],

@@ -19,11 +19,11 @@ const MAX_STEPS: usize = 30;
 /// Maximum motion of the corner in the last iteration, px.
 const CONVERGENCE_PX: f64 = 1e-4;
 /// Maximum motion of a corner from its start, px; beyond this it is another corner.
-const MAX_MOVE_PX: f64 = 1.5;
+const MAX_CORNER_MOTION_PX: f64 = 1.5;
 /// Minimum half contrast of a corner, grey levels.
 const MIN_CONTRAST: f64 = 6.0;
 /// Maximum residual of the model in addition to the picture's noise, as a fraction of the half contrast.
-const MAX_MODEL_RESIDUAL_SHARE: f64 = 0.25;
+const MAX_RELATIVE_MODEL_RESIDUAL: f64 = 0.25;
 /// Maximum excess of the mean square of the noise in a window over its expected value, in standard deviations.
 const MAX_NOISE_SIGMAS: f64 = 3.0;
 const START_BLUR_PX: f64 = 0.8;
@@ -33,7 +33,7 @@ const MIN_BLUR_PX: f64 = 0.05;
 /// A corner with the parameters of the fitted model.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Saddle {
-    /// The corner.
+    /// Position of the corner in the picture.
     pub pixel: Pixel,
     /// Standard deviation of the position along each axis, from the noise of the picture, px.
     pub deviation_px: f64,
@@ -105,7 +105,7 @@ fn accept_corner(patch: &Patch, (model, sums): (&Model, &NormalSums), start: Pix
     })
 }
 
-/// The parameters of (1).
+/// The parameters of the model (1).
 #[derive(Clone, Copy)]
 struct Model {
     pixel: Pixel,
@@ -169,9 +169,9 @@ impl Model {
 
     fn is_plausible(&self, start: Pixel, (mean_square, count): (f64, f64), noise: f64) -> bool {
         let of_noise = noise * noise * (1.0 + MAX_NOISE_SIGMAS * (2.0 / count).sqrt());
-        self.pixel.distance_px(start) < MAX_MOVE_PX
+        self.pixel.distance_px(start) < MAX_CORNER_MOTION_PX
             && self.contrast.abs() > MIN_CONTRAST
-            && mean_square < (MAX_MODEL_RESIDUAL_SHARE * self.contrast).powi(2) + of_noise
+            && mean_square < (MAX_RELATIVE_MODEL_RESIDUAL * self.contrast).powi(2) + of_noise
     }
 }
 

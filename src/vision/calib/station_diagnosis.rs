@@ -31,17 +31,17 @@ pub enum StationFault {
     Flipped,
     /// The poses of this picture and another one are exchanged.
     Swapped {
-        /// The other picture.
+        /// Name of the other picture.
         other_picture: String,
     },
     /// The picture shows the board as the pose of another picture predicts it: it is a copy, or a picture is missing.
     ShowsPoseOf {
-        /// The other picture.
+        /// Name of the other picture.
         other_picture: String,
     },
     /// One number of the pose is mistyped.
     Mistyped {
-        /// Its key.
+        /// Key of the number in the pose.
         key: &'static str,
         /// The stated value in the file.
         stated_value: f64,
@@ -50,9 +50,9 @@ pub enum StationFault {
     },
     /// Two angles or lengths are exchanged.
     Exchanged {
-        /// The first key.
+        /// Key of the first number.
         key: &'static str,
-        /// The second key.
+        /// Key of the second number.
         other: &'static str,
     },
     /// The picture is doubtful: the board is seen at a grazing angle.
@@ -79,7 +79,7 @@ pub enum StationFault {
 /// A station whose deviation is larger than its uncertainty.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SuspectStation {
-    /// The picture.
+    /// Name of the picture.
     pub name: String,
     /// Distance between the positions of the board's centre according to picture and robot, mm.
     pub distance_mm: f64,

@@ -29,7 +29,7 @@ pub struct TouchedCorner {
 /// A mount from three touched points, with its evidence.
 #[derive(Debug, Clone)]
 pub struct ThreePoints<A: Arrangement> {
-    /// The camera's mount.
+    /// The camera mount.
     pub to_from_camera: Rigid<A::To, A::From>,
     /// The pose of the board when it was touched.
     pub base_from_board: Rigid<Base, BoardFrame>,
@@ -234,7 +234,7 @@ mod tests {
     /// A board touched from its far corner has the same reprojection error as a correct one: only a rough mount reveals
     /// the error.
     #[test]
-    fn a_wrong_origin_shows_in_the_rough_mount_and_a_wrong_corner_in_the_distances() {
+    fn a_wrong_origin_is_found_by_the_rough_mount_and_a_wrong_corner_by_the_distances() {
         let cell = cell();
         let (camera, shot) = (cell.scanner(), cell.fixed_shots(1)[0]);
         let base_from_board = cell.base_from_camera() * shot.camera_from_board;

@@ -15,7 +15,7 @@ use panelprep_base::number_text::distinguishable_texts;
 /// The calibrated point of a tool with its evidence.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ToolPoint {
-    /// The tip.
+    /// Position of the tip in the flange frame, mm.
     pub tip: Point<Flange>,
     /// The spot at which the tip was held.
     pub spot: Point<Base>,
@@ -52,7 +52,7 @@ pub struct ToolAxis {
     pub plate_rms_mm: Option<f64>,
 }
 
-/// Minimum number of poses.
+/// Minimum number of poses for the point of a tool.
 pub const MIN_POSES: usize = 4;
 /// Minimum rms sine of the rotations, for the direction in which they determine the tip least.
 const MIN_RMS_SINE: f64 = 0.12;
@@ -100,7 +100,7 @@ pub fn tool_point(poses: &[Rigid<Base, Flange>]) -> Result<ToolPoint, CalibError
              is in degrees"
         )));
     }
-    let singular = || CalibError::Tool("the poses do not determine the tip".to_owned());
+    let singular = || CalibError::Tool("the poses do not determine the tip; rotate the flange about two axes between the poses".to_owned());
     let inverse = normal.cholesky().ok_or_else(singular)?.inverse();
     let solution = &inverse * (a.transpose() * &b);
     let residuals = &a * &solution - &b;

@@ -35,7 +35,7 @@ pub struct Channel {
     pub wet: f64,
     /// Standard deviation of the noise of one picture, grey levels.
     pub noise: f64,
-    /// (1).
+    /// Recommended weight of the channel by (1), 0…1.
     pub weight: f64,
 }
 
@@ -240,7 +240,7 @@ const MIN_FLASH_PX: usize = 12;
 /// The contrast between dry panel and film in one grid, in the brightness that the film method uses.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GridContrast {
-    /// The grid.
+    /// Name of the grid.
     pub id: GridId,
     /// Mean brightness of the dry grid, grey levels.
     pub dry: f64,

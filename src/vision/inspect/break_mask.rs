@@ -25,7 +25,7 @@ use std::f64::consts::PI;
 const MIN_COMPONENT_PX: usize = 4;
 /// Maximum interquartile range of the brightness over the inner part of a break, as a fraction of the brightness
 /// difference between bare surface and film. Glints and edges of reflections vary by more (`make bench-inspect`).
-const MAX_UNEVENNESS: f32 = 0.14;
+const MAX_RELATIVE_BRIGHTNESS_SPREAD: f32 = 0.14;
 /// Interquartile range that noise alone causes in an area of uniform brightness, as a multiple of σ: 1.35 in theory,
 /// larger for few pixels.
 const NOISE_SPREAD_SIGMA: f32 = 1.8;
@@ -36,20 +36,20 @@ const MIN_CORE_PX: usize = 9;
 /// Minimum fraction of the pixels around a candidate that must be brighter than any bare surface, for the candidate to
 /// lie along a reflection. The rims of breaks reflect lamps: around breaks in rendered films the fraction was at most
 /// 0.12.
-const MIN_REFLECTION_SHARE: f64 = 0.25;
+const MIN_REFLECTION_FRACTION: f64 = 0.25;
 /// Minimum fraction of the film around a break that must be distinguishable from a bare surface. The film around a
 /// break consists of the pixels within `SURROUNDING_DISTANCE_PX` of it.
-const MIN_DISTINGUISHABLE_SHARE: f64 = 0.6;
+const MIN_DISTINGUISHABLE_FRACTION: f64 = 0.6;
 /// A pixel of a candidate became film if its brightness agrees with at least this fraction of the film pixels around
 /// the candidate. In addition, the pixel must have the brightness of a break relative to less than this fraction of
 /// these pixels.
-const MIN_SIMILAR_SHARE_AROUND: f64 = 0.35;
+const MIN_SIMILAR_FRACTION_AROUND: f64 = 0.35;
 /// Minimum fraction of the pixels of a candidate that became film, for the whole candidate to have become film: the
 /// rest is its blurred rim.
-const MIN_FILM_LIKE_SHARE: f64 = 0.6;
+const MIN_FILM_LIKE_FRACTION: f64 = 0.6;
 /// Minimum change of brightness of a broken candidate without a dry reference, as a fraction of the smallest change
 /// that a break causes. With a smaller change the result is uncertain.
-const MIN_BREAK_CHANGE_SHARE: f64 = 0.7;
+const MIN_RELATIVE_BREAK_CHANGE: f64 = 0.7;
 const SURROUNDING_DISTANCE_PX: usize = 3;
 
 /// The sizes that distinguish glints, beads and breaks.
@@ -122,24 +122,24 @@ pub fn determine_breaks(
     let all_s = broke_s.clone();
     let mut short = Vec::new();
     for piece in pieces {
-        let place = BarePlace { window, broke_s: &broke_s, is_bead: &is_bead, piece: &piece };
+        let place = BareCandidate { window, broke_s: &broke_s, is_bead: &is_bead, piece: &piece };
         match place.classify(sizes.glint_px, seen) {
-            PlaceVerdict::Broke => continue,
-            PlaceVerdict::Passed => {}
+            CandidateVerdict::Broke => continue,
+            CandidateVerdict::Passed => {}
             // A candidate as large as a break is not judged together with others: its own times must show that it
             // moves.
-            PlaceVerdict::Unsure if piece.len() < sizes.break_px && place.has_closed_quickly(seen) => {
+            CandidateVerdict::Unsure if piece.len() < sizes.break_px && place.has_closed_quickly(seen) => {
                 short.extend_from_slice(&piece);
             }
-            PlaceVerdict::Unsure => unsure.extend_from_slice(&piece),
+            CandidateVerdict::Unsure => unsure.extend_from_slice(&piece),
         }
         // Neither a passed nor an uncertain candidate is a break. Uncertain pixels are listed, so that their grid does
         // not pass either.
         piece.iter().for_each(|&i| broke_s[i] = NOT_BROKEN);
     }
-    let short = BarePlace { window, broke_s: &all_s, is_bead: &is_bead, piece: &short };
+    let short = BareCandidate { window, broke_s: &all_s, is_bead: &is_bead, piece: &short };
     for trail in short.group_trails(sizes.glint_px) {
-        if !(BarePlace { piece: &trail, ..short }).has_moved(seen) {
+        if !(BareCandidate { piece: &trail, ..short }).has_moved(seen) {
             unsure.extend(trail);
         }
     }
@@ -168,7 +168,7 @@ fn fill_beads(window: &Window, broke_s: &mut [f32], bead_px: usize, seen: &impl 
 
 /// The classification of a candidate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum PlaceVerdict {
+enum CandidateVerdict {
     Broke,
     /// A glint moved over the candidate.
     Passed,
@@ -177,36 +177,37 @@ enum PlaceVerdict {
 
 /// A candidate: one connected component of pixels that appear bare, or the components of one trail.
 #[derive(Clone, Copy)]
-struct BarePlace<'a> {
+struct BareCandidate<'a> {
     window: &'a Window,
     broke_s: &'a [f32],
     is_bead: &'a [bool],
     piece: &'a [usize],
 }
 
-impl BarePlace<'_> {
-    fn classify(&self, glint_px: usize, seen: &impl PixelObservations) -> PlaceVerdict {
-        let passed = self.piece.len() <= glint_px && self.has_moved(seen) || self.became_film(seen);
-        let unless_passed = if passed { PlaceVerdict::Passed } else { PlaceVerdict::Unsure };
+impl BareCandidate<'_> {
+    fn classify(&self, glint_px: usize, seen: &impl PixelObservations) -> CandidateVerdict {
+        let passed = self.piece.len() <= glint_px && self.has_moved(seen) || self.has_become_film(seen);
+        let unless_passed = if passed { CandidateVerdict::Passed } else { CandidateVerdict::Unsure };
         if self.piece.len() < MIN_COMPONENT_PX {
             return unless_passed;
         }
-        let next = self.ring(1, |i| self.broke_s[i] == NOT_BROKEN);
-        let around = self.ring(SURROUNDING_DISTANCE_PX, |i| self.broke_s[i] == NOT_BROKEN && seen.is_inside(i));
+        let next = self.pixels_around(1, |i| self.broke_s[i] == NOT_BROKEN);
+        let around =
+            self.pixels_around(SURROUNDING_DISTANCE_PX, |i| self.broke_s[i] == NOT_BROKEN && seen.is_inside(i));
         let core = self.core_pixels();
-        let is_even =
-            spread(&core, seen).is_none_or(|spread| spread <= max_brightness_spread(&core, &around, seen));
+        let is_even = brightness_spread(&core, seen)
+            .is_none_or(|spread| spread <= max_brightness_spread(&core, &around, seen));
         // A break in a film that is itself bright does not lie along a reflection.
-        let is_along_reflection = share(&next, |i| seen.is_film_brighter(i)) >= MIN_REFLECTION_SHARE
-            && share(self.piece, |i| seen.is_film_brighter(i)) < MIN_REFLECTION_SHARE;
-        let is_distinguishable = share(&around, |i| seen.has_contrast(i)) >= MIN_DISTINGUISHABLE_SHARE;
+        let is_along_reflection = fraction_where(&next, |i| seen.is_film_brighter(i)) >= MIN_REFLECTION_FRACTION
+            && fraction_where(self.piece, |i| seen.is_film_brighter(i)) < MIN_REFLECTION_FRACTION;
+        let is_distinguishable = fraction_where(&around, |i| seen.has_contrast(i)) >= MIN_DISTINGUISHABLE_FRACTION;
         let is_break = is_compact(self.piece.len(), core.len())
             && is_even
             && !is_along_reflection
             && is_distinguishable
             && self.is_contrast_plausible(seen);
         // With a small inner part, its uniformity contains little information; in this case motion decides.
-        if is_break && !(passed && core.len() < MIN_CORE_PX) { PlaceVerdict::Broke } else { unless_passed }
+        if is_break && !(passed && core.len() < MIN_CORE_PX) { CandidateVerdict::Broke } else { unless_passed }
     }
 
     /// Checks whether the bare appearance moved over the candidate. A break is open over its whole area at one time. If
@@ -234,7 +235,7 @@ impl BarePlace<'_> {
         let diameter_px = 2.0 * (glint_px as f64 / PI).sqrt();
         let own: BTreeSet<usize> = self.piece.iter().copied().collect();
         let mut near = own.clone();
-        near.extend(self.ring(diameter_px as usize, |_| true));
+        near.extend(self.pixels_around(diameter_px as usize, |_| true));
         let trails = self.window.raster().connected_components(&ALL_NEIGHBOURS, |i| near.contains(&i));
         trails.into_iter().map(|trail| trail.into_iter().filter(|i| own.contains(i)).collect()).collect()
     }
@@ -249,10 +250,10 @@ impl BarePlace<'_> {
     /// glint covered the place while its film brightness was learnt, or if water reached the place later. A break
     /// differs from the film around it. Along an edge of a sanded area only the film on one side is as bright as the
     /// candidate; in this case the candidate must not have the brightness of a break of the film on the other side.
-    fn became_film(&self, seen: &impl PixelObservations) -> bool {
+    fn has_become_film(&self, seen: &impl PixelObservations) -> bool {
         let of_film =
             |i: usize| self.broke_s[i] == NOT_BROKEN && seen.is_inside(i) && seen.has_no_dry_brightness(i);
-        let around = self.ring(SURROUNDING_DISTANCE_PX, of_film);
+        let around = self.pixels_around(SURROUNDING_DISTANCE_PX, of_film);
         let own: Vec<usize> = self.piece.iter().copied().filter(|&i| !self.is_bead[i]).collect();
         if !own.iter().all(|&i| seen.has_no_dry_brightness(i)) || around.len() < MIN_CORE_PX {
             return false;
@@ -271,10 +272,11 @@ impl BarePlace<'_> {
             let is_break_of = |film: f32| {
                 seen.break_ratio_range().is_none_or(|[least, most]| (least..=most).contains(&(look / film)))
             };
-            share_of(&|film| (look - film).abs() <= seen.neighbour_tolerance() * film) >= MIN_SIMILAR_SHARE_AROUND
-                && share_of(&is_break_of) < MIN_SIMILAR_SHARE_AROUND
+            share_of(&|film| (look - film).abs() <= seen.neighbour_tolerance() * film)
+                >= MIN_SIMILAR_FRACTION_AROUND
+                && share_of(&is_break_of) < MIN_SIMILAR_FRACTION_AROUND
         };
-        share(&own, is_film) >= MIN_FILM_LIKE_SHARE
+        fraction_where(&own, is_film) >= MIN_FILM_LIKE_FRACTION
     }
 
     /// Checks whether the brightness differs from that of the candidate's own film as in a break; only pixels without a
@@ -288,7 +290,7 @@ impl BarePlace<'_> {
     }
 
     /// Returns the pixels within this distance of the candidate for which `counts` is true.
-    fn ring(&self, away_px: usize, counts: impl Fn(usize) -> bool) -> Vec<usize> {
+    fn pixels_around(&self, away_px: usize, counts: impl Fn(usize) -> bool) -> Vec<usize> {
         let inner: BTreeSet<usize> = self.piece.iter().copied().collect();
         let (mut reached, mut rim) = (inner.clone(), self.piece.to_vec());
         for _ in 0..away_px {
@@ -316,11 +318,11 @@ fn max_brightness_spread(core: &[usize], around: &[usize], seen: &impl PixelObse
     };
     let bare = mean(core, &|i| seen.bare_brightness_ratio(i));
     let film = mean(around, &|i| seen.film_brightness_ratio(i));
-    (MAX_UNEVENNESS * (bare - film)).hypot(NOISE_SPREAD_SIGMA * mean(core, &|i| seen.noise(i)))
+    (MAX_RELATIVE_BRIGHTNESS_SPREAD * (bare - film)).hypot(NOISE_SPREAD_SIGMA * mean(core, &|i| seen.noise(i)))
 }
 
 /// Returns the interquartile range of the brightness of the pixels; `None` for too few pixels.
-fn spread(core: &[usize], seen: &impl PixelObservations) -> Option<f32> {
+fn brightness_spread(core: &[usize], seen: &impl PixelObservations) -> Option<f32> {
     let mut looks: Vec<f32> = core.iter().map(|&i| seen.bare_brightness_ratio(i)).collect();
     looks.sort_by(f32::total_cmp);
     (looks.len() >= MIN_CORE_PX).then(|| looks[looks.len() - 1 - looks.len() / 4] - looks[looks.len() / 4])
@@ -334,7 +336,7 @@ fn is_compact(size_px: usize, core_px: usize) -> bool {
 }
 
 /// Returns the fraction of the pixels for which `holds` is true; 1 if there are no pixels.
-fn share(pixels: &[usize], holds: impl Fn(usize) -> bool) -> f64 {
+fn fraction_where(pixels: &[usize], holds: impl Fn(usize) -> bool) -> f64 {
     let count = pixels.iter().filter(|&&i| holds(i)).count();
     if pixels.is_empty() { 1.0 } else { count as f64 / pixels.len() as f64 }
 }
@@ -378,7 +380,7 @@ impl<'a> ModelObservations<'a> {
 /// result is `None`.
 pub fn break_ratio_range(model: &Model) -> Option<[f32; 2]> {
     let [low, high] = model.film_range().unwrap_or([ASSUMED_FILM_TRANSMISSION; 2]);
-    let away = MIN_BREAK_CHANGE_SHARE * 2.0 * model.away_threshold();
+    let away = MIN_RELATIVE_BREAK_CHANGE * 2.0 * model.away_threshold();
     if high < model.min_damp_ratio() {
         Some([1.0 + away, low.powf(-MAX_FILM_POWER) * 1.125].map(|share| share as f32))
     } else if low > 1.0 {

@@ -13,7 +13,7 @@ use super::error::InspectError;
 use super::footprint::{Footprint, Window};
 use super::gate::{JudgedFilm, judge};
 use super::observed::{ComparisonReference, GridInspection, Observation};
-use super::sanded::SandedPlaces;
+use super::sanded::SandedPixels;
 use super::thesis::NOT_BROKEN;
 use super::watch::FilmWatch;
 use panelprep_base::geometry::{ALL_NEIGHBOURS, Mask, Pixel};
@@ -70,7 +70,7 @@ impl FilmWatch {
             }
         }
         // With both methods, a sanded place is judged only if there is evidence that it was wet.
-        let sanded = SandedPlaces {
+        let sanded = SandedPixels {
             model: &self.model,
             window: self.footprint.window(),
             inside: &inside,
@@ -79,7 +79,7 @@ impl FilmWatch {
             break_px: self.footprint.pixels_for_area(self.demands.min_break_mm2),
             break_to_film: break_ratio_range(&self.model),
         };
-        let without = sanded.unproven_pixels()?;
+        let without = sanded.pixels_without_evidence()?;
         is_unsure.iter_mut().zip(without).for_each(|(is_unsure, without)| *is_unsure |= without);
         let model = &self.model;
         let never_wet = |index: &usize| inside[*index] && model.is_evaluated(*index) && !model.ever_wet(*index);
@@ -176,7 +176,7 @@ impl FilmWatch {
         let mut was_wet_mm2 = vec![0.0; broken_mm2.len()];
         let wet_pixels = (0..was_wet.len()).filter(|&index| was_wet[index]);
         wet_pixels.for_each(|index| self.footprint.add_area(index, &mut was_wet_mm2));
-        let sanded_shares = self.footprint.sanded_shares();
+        let sanded_fractions = self.footprint.sanded_fractions();
         let grid = |index: usize| {
             let footprint = &self.footprint.grids()[index];
             let failed = time_to_break_s[index].is_some();
@@ -187,7 +187,7 @@ impl FilmWatch {
             let little_lost = might_break_mm2 < self.demands.min_break_mm2;
             GridInspection {
                 id: footprint.id,
-                reference: ComparisonReference::from_sanded_share(sanded_shares[index]),
+                reference: ComparisonReference::from_sanded_share(sanded_fractions[index]),
                 failed,
                 seen: footprint.is_inspected() && little_lost && !no_contrast,
                 only_masked: footprint.is_only_masked() && (failed || little_lost),
@@ -234,7 +234,7 @@ impl Inspection {
 /// One connected component of the broken film.
 #[derive(Debug, Clone)]
 pub struct Break {
-    /// Its surface, mm².
+    /// Surface area of the break, mm².
     pub area_mm2: f64,
     /// Time at which the first pixel of the break broke, s after the first fully wet picture.
     pub first_seen_s: f64,
@@ -247,12 +247,12 @@ pub struct Break {
 }
 
 /// Minimum fraction of a break over which the film has closed, for the break to be closed again.
-const MIN_CLOSED_SHARE: f64 = 0.8;
+const MIN_CLOSED_FRACTION: f64 = 0.8;
 
 impl Break {
     /// Returns whether the film had closed over the break at the end.
     pub fn has_closed_again(&self) -> bool {
-        self.closed_share >= MIN_CLOSED_SHARE
+        self.closed_share >= MIN_CLOSED_FRACTION
     }
 }
 
@@ -306,7 +306,7 @@ const MIN_COMPONENT_PX: usize = 4;
 /// Distances from a dark component at which its surroundings are measured, px: beyond the soft edge of a drop.
 const SURROUNDING_DISTANCE_PX: std::ops::RangeInclusive<usize> = 4..=9;
 /// Minimum fraction of the pixels of an initially wet component that were wet in no later picture.
-const MIN_NEVER_WET_SHARE: f64 = 0.5;
+const MIN_NEVER_WET_FRACTION: f64 = 0.5;
 
 /// The inputs for finding places that were already wet in the dry picture.
 pub struct DrynessInputs<'a> {
@@ -327,7 +327,7 @@ pub fn initially_wet_pixels(window: &Window, known: &DrynessInputs<'_>) -> Vec<u
     let was_wet = |piece: &Vec<usize>| {
         let never_wet = piece.iter().filter(|i| (known.never_wet)(**i)).count() as f64;
         piece.len() >= MIN_COMPONENT_PX
-            && never_wet >= MIN_NEVER_WET_SHARE * piece.len() as f64
+            && never_wet >= MIN_NEVER_WET_FRACTION * piece.len() as f64
             && mean(&surrounding_pixels(window, piece, known), known.dry)
                 .zip(mean(piece, known.dry))
                 // The limit is halfway between the dry brightness of the surroundings and the brightness of a film over
@@ -370,7 +370,7 @@ mod tests {
     /// Expected values, calculated by hand for τ = 0.6: a component of 6 × 6 px is wet if its brightness is less than
     /// (1 + 0.6)/2 = 0.8 of its surroundings.
     #[test]
-    fn a_dark_place_was_wet_and_a_bright_one_never_was() {
+    fn a_dark_place_in_the_dry_picture_was_wet() {
         let place = |i: usize| (17..23).contains(&(i % 40)) && (17..23).contains(&(i / 40));
         let found = |own: f64, never_wet: &dyn Fn(usize) -> bool| {
             let dry = |i: usize| if place(i) { own } else { 100.0 };

@@ -13,13 +13,13 @@ pub enum InspectError {
          so the grids cannot be projected; record the pictures with the size of the calibration"
     )]
     PictureSize {
-        /// Columns found.
+        /// Number of columns of the picture.
         found_width: usize,
-        /// Rows found.
+        /// Number of rows of the picture.
         found_height: usize,
-        /// Columns calibrated.
+        /// Number of columns in the calibration.
         width: usize,
-        /// Rows calibrated.
+        /// Number of rows in the calibration.
         height: usize,
     },
     /// No point of the region projects into the picture.
@@ -44,7 +44,7 @@ pub enum InspectError {
     PhaseOrder {
         /// The time of the picture, s.
         time_s: f64,
-        /// Its phase.
+        /// Phase of the picture.
         phase: Phase,
         /// Phase of the previous picture.
         previous: Phase,

@@ -23,7 +23,7 @@ use panelprep_cell::recipe;
 
 /// Minimum fraction of a grid's surface in the picture, for the grid to be inspected; the rest is rounding at its
 /// edges.
-const MIN_SEEN_SHARE: f64 = 0.99;
+const MIN_SEEN_FRACTION: f64 = 0.99;
 
 /// Minimum number of pixels of a break that both methods detect reliably; a smaller break may be missed because of its
 /// blurred rim. `make bench-inspect` prints the miss rate as a function of the size.
@@ -46,7 +46,7 @@ pub struct Window {
 }
 
 impl Window {
-    /// Its size.
+    /// Returns the size of the window.
     pub fn raster(&self) -> RasterSize {
         RasterSize { width: self.width, height: self.height }
     }
@@ -76,7 +76,7 @@ pub struct InspectedPart<'a> {
 /// A grid in the camera picture.
 #[derive(Debug, Clone)]
 pub struct GridFootprint {
-    /// Its name.
+    /// Name of the grid.
     pub id: GridId,
     /// Surface area of the whole grid, mm².
     pub area_mm2: f64,
@@ -94,7 +94,7 @@ impl GridFootprint {
     /// Returns whether the whole grid is in the picture and not masked, even if parts of it contain no information.
     /// Otherwise the grid cannot pass.
     pub fn is_inspected(&self) -> bool {
-        self.inspected_share() >= MIN_SEEN_SHARE
+        self.inspected_share() >= MIN_SEEN_FRACTION
     }
 
     fn inspected_share(&self) -> f64 {
@@ -103,7 +103,7 @@ impl GridFootprint {
 
     /// Returns whether the recipe masks a part of the grid, and no part is excluded for another reason.
     pub fn is_only_masked(&self) -> bool {
-        self.masked_share > 0.0 && self.inspected_share() + self.masked_share >= MIN_SEEN_SHARE
+        self.masked_share > 0.0 && self.inspected_share() + self.masked_share >= MIN_SEEN_FRACTION
     }
 }
 
@@ -231,7 +231,7 @@ impl Footprint {
     }
 
     /// Returns for each grid the fraction of its inspected area that was sanded after the dry picture.
-    pub(super) fn sanded_shares(&self) -> Vec<f64> {
+    pub(super) fn sanded_fractions(&self) -> Vec<f64> {
         let mut areas = vec![(0.0, 0.0); self.grids.len()];
         for patch in &self.patches {
             let (sanded, all) = &mut areas[patch.grid as usize];

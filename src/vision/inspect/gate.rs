@@ -39,7 +39,7 @@ pub mod name {
     /// Grids with places that were wet in the dry picture.
     pub const WET_GRIDS: &str = "grids that were wet in the dry picture";
     /// Grids with places at which a break would not be visible, because film and dry panel are equally bright.
-    pub const FAINT_GRIDS: &str = "grids with places that look wet as they do dry";
+    pub const LOW_CONTRAST_GRIDS: &str = "grids with places that look wet as they do dry";
     /// Grids of which a part was not seen.
     pub const UNSEEN_GRIDS: &str = "grids that were not wholly seen";
     /// Grids that the recipe masks.
@@ -50,7 +50,7 @@ pub mod name {
 pub struct JudgedFilm {
     /// The checks, in the order in which they are judged.
     pub checks: Vec<Check>,
-    /// The verdict.
+    /// The verdict, with its reasons.
     pub judgement: Judgement,
 }
 
@@ -129,7 +129,7 @@ impl WatchedFilm<'_> {
         let off_px = self.observation.quality.off_px;
         let (off, coarse) = (
             displaced_panel_reason(off_px, (is_place_assumed, has_dry)),
-            too_coarse(detection_limit_mm2, self.demands.min_break_mm2),
+            coarse_resolution_reason(detection_limit_mm2, self.demands.min_break_mm2),
         );
         vec![
             Check::new("outline from where the panel was found, in the dry picture", "px", off_px)
@@ -254,7 +254,7 @@ impl WatchedFilm<'_> {
             let failed = when_s.map(|time_s| Check::new(name::break_time_name(id), "s", time_s));
             std::iter::once(area).chain(failed)
         });
-        let faint = Check::new(name::FAINT_GRIDS, "", faint.len() as f64)
+        let faint = Check::new(name::LOW_CONTRAST_GRIDS, "", faint.len() as f64)
             .with_max(0.0, LimitSource::Program)
             .or_reject("no_contrast", || {
                 format!(
@@ -319,7 +319,7 @@ pub const MAX_OUTLINE_OFFSET_PX: f64 = 1.5;
 
 /// Returns a reason if breaks that must fail a grid may be missed, because the smallest reliably detected break is
 /// larger than the smallest break that fails a grid.
-pub fn too_coarse(detection_limit_mm2: f64, min_break_mm2: f64) -> Option<Reason> {
+pub fn coarse_resolution_reason(detection_limit_mm2: f64, min_break_mm2: f64) -> Option<Reason> {
     // A NaN does not meet the limit.
     let is_fine = detection_limit_mm2 <= min_break_mm2;
     (!is_fine).then(|| {
@@ -405,12 +405,10 @@ fn describe_flaw(flaw: Flaw, worst: f64, observation: &Observation, settings: &r
              keep the lens in focus and free of water"
         ),
         Flaw::Outline => format!(
-            "only {worst} % of the panel's outline is visible (at least {limit} % are needed), so a movement of \
-             the panel cannot be detected; use surroundings with more contrast to the panel, in any colour"
+            "only {worst} % of the panel's outline is visible (at least {limit} % are needed), so a motion of the panel cannot be detected; use surroundings with more contrast to the panel, in any colour"
         ),
         Flaw::OutlineDisagrees => {
-            "the visible parts of the panel's outline do not agree on its position, so a movement of the panel \
-             cannot be detected; use surroundings with more contrast to the panel, in any colour"
+            "the visible parts of the panel's outline do not agree on its position, so a motion of the panel cannot be detected; use surroundings with more contrast to the panel, in any colour"
                 .to_owned()
         }
         Flaw::Frozen => {

@@ -42,7 +42,7 @@ pub use advice::{Advice, Channel, FlashDetector, GridContrast, Sampler, best_thr
 pub use conclude::{Break, Inspection};
 pub use error::InspectError;
 pub use footprint::{Footprint, GridFootprint};
-pub use gate::{MAX_OUTLINE_OFFSET_PX, MIN_CHANGE_TO_NOISE, name, too_coarse};
+pub use gate::{MAX_OUTLINE_OFFSET_PX, MIN_CHANGE_TO_NOISE, coarse_resolution_reason, name};
 pub use observed::{CellDemands, ComparisonReference, Demands, GridInspection, Observation, picture_interval_s};
 pub use quality::{Flaw, FlawedPictures, Quality};
 pub use score::{Confusion, Score, score, score_within};

@@ -98,7 +98,7 @@ mod tests {
     /// disc, so none of its pixels is returned, not even at its corners. A square that is 1.2 times as bright is not a
     /// break.
     #[test]
-    fn a_place_that_cannot_contain_the_disc_is_narrow() {
+    fn an_area_that_cannot_contain_the_disc_is_narrow() {
         let square = |side: usize, bright: f32| {
             move |column: usize, row: usize| {
                 if (20..20 + side).contains(&column) && (20..20 + side).contains(&row) { bright } else { 30.0 }

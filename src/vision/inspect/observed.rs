@@ -9,7 +9,7 @@ use panelprep_cell::panel::GridId;
 use panelprep_cell::recipe::{self, Recipe};
 
 /// Minimum fraction of the duration of the film that usable pictures must cover.
-const MIN_USABLE_SHARE: f64 = 0.8;
+const MIN_USABLE_FRACTION: f64 = 0.8;
 /// Maximum time between two pictures, in intervals of the recipe; a longer time is a gap, unless `persist_s` is even
 /// longer.
 const MAX_GAP_INTERVALS: f64 = 5.0;
@@ -28,7 +28,7 @@ pub struct CellDemands {
 pub struct Demands {
     /// Duration of the observation of the film, s.
     pub observation_s: f64,
-    /// Pictures a second.
+    /// Number of pictures per second.
     pub frames_per_second: f64,
     /// Minimum area of broken film with which a grid fails, mm².
     pub min_break_mm2: f64,
@@ -81,7 +81,7 @@ impl Demands {
 
     /// Returns the minimum time that usable pictures of the film must cover, s.
     pub fn min_usable_s(&self, observed_s: f64) -> f64 {
-        MIN_USABLE_SHARE * observed_s
+        MIN_USABLE_FRACTION * observed_s
     }
 
     /// Returns the maximum time between two wet pictures, s: a longer gap could hide a break.
@@ -130,7 +130,7 @@ impl ComparisonReference {
 /// The result of the test for one grid.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GridInspection {
-    /// Its name.
+    /// Name of the grid.
     pub id: GridId,
     /// The reference with which the pixels of the grid were compared.
     pub reference: ComparisonReference,
@@ -145,7 +145,7 @@ pub struct GridInspection {
     pub no_contrast: bool,
     /// Whether an area so large that a break there would fail the grid was already wet in the dry picture.
     pub wet_when_dry: bool,
-    /// Broken film, mm².
+    /// Area of broken film, mm².
     pub broken_mm2: f64,
     /// Time at which the broken area reached `min_break_mm2`, s after the first fully wet picture.
     pub time_to_break_s: Option<f64>,

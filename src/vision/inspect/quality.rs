@@ -26,7 +26,7 @@ pub enum Flaw {
     Bright,
     /// The panel moved since the first picture.
     Moved,
-    /// Out of focus.
+    /// The picture is out of focus.
     Focus,
     /// The picture is bit-identical to the previous one.
     Frozen,
@@ -37,7 +37,7 @@ pub enum Flaw {
 }
 
 impl Flaw {
-    /// All flaws.
+    /// All flaws, in the order of their declaration.
     pub const ALL: &'static [Flaw] = <Self as VariantArray>::VARIANTS;
 
     /// Returns the keyword of the flaw, which does not change between versions.

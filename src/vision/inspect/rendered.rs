@@ -135,7 +135,7 @@ fn greasy_grids_are_found_also_in_bad_light() {
 /// place that never becomes wet passes, although drops run over these places. With the usual brightness after sanding,
 /// an unbroken film passes.
 #[test]
-fn no_look_of_a_sanded_place_hides_a_break() {
+fn no_brightness_of_a_sanded_place_hides_a_break() {
     let sanded = |seed: u64, albedo: [f64; 2], spots: &dyn Fn(&Cell) -> Vec<GreasySpot>| {
         let test = RenderedTest::new(seed, 2, 16.0);
         let (cell, spots) = (&test.cell, spots(&test.cell));

@@ -2,11 +2,11 @@
 //!
 //! While the film is observed, a pixel there is compared with the brightness of its own film. A bare pixel also keeps
 //! its brightness, so additional evidence is needed that the pixel was wet when the film began. This evidence is moving
-//! water: the differences between sample points then vary over time by more than the noise of the sensor ([`Shimmer`]).
-//! A sample point was wet if the nearby sample points of similar brightness have temporal noise. They are searched in
-//! squares that grow until there are enough of them, and the nearest of them must show temporal noise themselves. A
-//! bare place has another brightness than the film around it, and is static. If drops run over a part of it, most of it
-//! is still static.
+//! water: the differences between sample points then vary over time by more than the noise of the sensor
+//! ([`TemporalNoise`]). A sample point was wet if the nearby sample points of similar brightness have temporal noise.
+//! They are searched in squares that grow until there are enough of them, and the nearest of them must show temporal
+//! noise themselves. A bare place has another brightness than the film around it, and is static. If drops run over a
+//! part of it, most of it is still static.
 //!
 //! Water that runs over a bare place moves as a film does. Therefore an area also has no evidence if it is narrower
 //! than any disc and differs from its surroundings as a break differs from its film: its shape is that of a break and
@@ -16,7 +16,7 @@
 //! they have dried.
 
 use super::footprint::Window;
-use super::model::{DIFFERENCE_COUNT, Model, Shimmer};
+use super::model::{DIFFERENCE_COUNT, Model, TemporalNoise};
 use super::narrow_spots::BrightnessLevels;
 use opencv::core::{self, Mat, MatTraitConstManual, Point, Scalar};
 use opencv::imgproc;
@@ -25,23 +25,23 @@ use panelprep_cell::imaging::{ImagingError, with_operation};
 use rayon::prelude::*;
 
 /// Minimum temporal noise of a film: its variance relative to the variance of the sensor's noise.
-const MIN_SHIMMER: f64 = 1.35;
+const MIN_TEMPORAL_NOISE: f64 = 1.35;
 /// Minimum excess of the temporal noise of a film over the value of noise alone, 1, in standard deviations.
 const MIN_EXCESS_SIGMA: f64 = 4.5;
-/// Minimum distance of the temporal noise of static points below `MIN_SHIMMER`, in standard deviations.
-const MIN_STILL_SIGMA: f64 = 3.0;
-/// A sample point is static if its motion is significantly less than `MIN_FILM_SHARE` of the motion on a film of the
-/// clip. If more than the fraction `MAX_STILL_SHARE` of the sample points of similar brightness are static, there is no
-/// film. In rendered films, the fraction was at most 0.023 around 99 % of all sample points; on bare places it was
-/// 0.31.
-const MIN_FILM_SHARE: f64 = 0.2;
-const MAX_STILL_SHARE: f64 = 0.05;
+/// Minimum distance of the temporal noise of static points below `MIN_TEMPORAL_NOISE`, in standard deviations.
+const MIN_STATIC_SIGMA: f64 = 3.0;
+/// A sample point is static if its motion is significantly less than `MIN_FILM_MOTION_FRACTION` of the motion on a film
+/// of the clip. If more than the fraction `MAX_STATIC_FRACTION` of the sample points of similar brightness are static,
+/// there is no film. In rendered films, the fraction was at most 0.023 around 99 % of all sample points; on bare places
+/// it was 0.31.
+const MIN_FILM_MOTION_FRACTION: f64 = 0.2;
+const MAX_STATIC_FRACTION: f64 = 0.05;
 /// Fraction of the second differences, the largest ones, that is excluded, since they may show a passing shadow or
-/// glint. `MIN_DIFFERENCES` is the minimum number of remaining differences, and `MIN_SITES` the minimum number of
-/// sample points for a result.
-const MAX_DISTURBED_SHARE: f64 = 0.34;
+/// glint. `MIN_DIFFERENCES` is the minimum number of remaining differences, and `MIN_STATISTICS_POINT_COUNT` the
+/// minimum number of sample points for a result.
+const MAX_DISTURBED_FRACTION: f64 = 0.34;
 const MIN_DIFFERENCES: usize = 3;
-const MIN_SITES: f64 = 6.0;
+const MIN_STATISTICS_POINT_COUNT: f64 = 6.0;
 /// Half sides of the squares in which sample points are searched, in steps of the lattice.
 const SQUARE_RADII: [usize; 4] = [2, 4, 8, 16];
 /// Number of radii, from the smallest, that contain only the nearest sample points.
@@ -61,7 +61,7 @@ const MIN_BREAK_SHAPE: [[u8; 4]; 4] = [[0, 1, 1, 0], [1, 1, 1, 1], [1, 1, 1, 1],
 const MAX_BEAD_PX: usize = 3;
 
 /// The inputs for judging the sanded pixels.
-pub struct SandedPlaces<'a> {
+pub struct SandedPixels<'a> {
     pub model: &'a Model,
     pub window: &'a Window,
     /// For each pixel of the window, whether the pixel is judged.
@@ -79,7 +79,7 @@ pub struct SandedPlaces<'a> {
 
 /// One sample point of the lattice.
 #[derive(Debug, Clone, Copy)]
-struct LatticeSite {
+struct SamplePoint {
     /// Brightness of the film at this sample point, grey levels; 0 for a sample point that is not judged.
     look: f64,
     /// Standard deviation of the sample point's brightness in one picture, grey levels.
@@ -88,19 +88,19 @@ struct LatticeSite {
     shimmer: [f32; DIFFERENCE_COUNT],
 }
 
-impl LatticeSite {
+impl SamplePoint {
     /// Returns the noise of a sample point relative to its brightness.
-    fn noise_share(&self) -> f64 {
+    fn relative_noise(&self) -> f64 {
         self.noise / self.look
     }
 }
 
 /// For each second difference, statistics of several sample points: their number, the sum of z and the sum of z².
 #[derive(Debug, Clone, Copy, Default)]
-struct PlaceStatistics([[f64; 3]; DIFFERENCE_COUNT]);
+struct SamplePointStatistics([[f64; 3]; DIFFERENCE_COUNT]);
 
-impl PlaceStatistics {
-    fn add(&mut self, site: &LatticeSite) {
+impl SamplePointStatistics {
+    fn add(&mut self, site: &SamplePoint) {
         for ([count, sum, squares], z) in self.0.iter_mut().zip(site.shimmer) {
             if !z.is_nan() {
                 let z = f64::from(z);
@@ -113,12 +113,12 @@ impl PlaceStatistics {
     /// deviation of this ratio for static points. The ratio is the mean over the smaller differences. The variance of n
     /// normal deviates has the relative standard deviation √(2/(n − 1)).
     fn relative_variance(&self) -> Option<(f64, f64)> {
-        let seen = self.0.iter().filter(|[count, ..]| *count >= MIN_SITES);
+        let seen = self.0.iter().filter(|[count, ..]| *count >= MIN_STATISTICS_POINT_COUNT);
         let mut shown: Vec<(f64, f64)> = seen
             .map(|[count, sum, squares]| ((squares - sum * sum / count) / (count - 1.0), count - 1.0))
             .collect();
         shown.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let passing = (MAX_DISTURBED_SHARE * shown.len() as f64).ceil() as usize;
+        let passing = (MAX_DISTURBED_FRACTION * shown.len() as f64).ceil() as usize;
         let kept = Some(shown.len() - passing).filter(|kept| *kept >= MIN_DIFFERENCES)?;
         let (variance, degrees) = shown[..kept].iter().fold((0.0, 0.0), |sum, it| (sum.0 + it.0, sum.1 + it.1));
         // Differences that share a span are not independent, so only a third of the degrees of freedom is used.
@@ -126,16 +126,16 @@ impl PlaceStatistics {
     }
 }
 
-impl SandedPlaces<'_> {
+impl SandedPixels<'_> {
     /// Returns the sanded pixels without evidence that they were wet.
     ///
     /// # Errors
     /// If OpenCV refuses the mask.
-    pub fn unproven_pixels(&self) -> Result<Vec<bool>, ImagingError> {
-        let Some(shimmer) = self.model.measured_shimmer() else { return Ok(vec![false; self.inside.len()]) };
-        let reaches_disc = SQUARE_RADII.iter().position(|radius| radius * Shimmer::SIDE_PX >= self.disc_px);
-        let lattice = SiteLattice {
-            sites: self.lattice_sites(shimmer),
+    pub fn pixels_without_evidence(&self) -> Result<Vec<bool>, ImagingError> {
+        let Some(shimmer) = self.model.measured_temporal_noise() else { return Ok(vec![false; self.inside.len()]) };
+        let reaches_disc = SQUARE_RADII.iter().position(|radius| radius * TemporalNoise::SIDE_PX >= self.disc_px);
+        let lattice = SamplePointLattice {
+            sites: self.lattice_sample_points(shimmer),
             shimmer,
             tolerance: self.model.away_threshold(),
             // Neither the smallest nor the largest square is used. At few pictures per second the smallest has too few
@@ -144,7 +144,7 @@ impl SandedPlaces<'_> {
                 .unwrap_or(SQUARE_RADII.len() - 1)
                 .clamp(NEAREST_RADIUS_COUNT - 1, SQUARE_RADII.len() - 2),
         };
-        let is_wet = lattice.wet_sites();
+        let is_wet = lattice.wet_sample_points();
         // A pixel has evidence if a neighbouring wet sample point has a similar brightness, or if a neighbouring place
         // that was not sanded has the same film.
         let has_evidence = |i: usize| {
@@ -154,7 +154,7 @@ impl SandedPlaces<'_> {
                 let Some(site) = lattice.sites.get(at).filter(|site| site.look > 0.0) else { return false };
                 is_wet[at] && (look - site.look).abs() <= lattice.tolerance * site.look
             };
-            shimmer.nearby_sites(row, column).any(is_like_wet_site)
+            shimmer.nearby_sample_points(row, column).any(is_like_wet_site)
                 || self.is_similar_to_nearby_film(row, column, look)
         };
         let tolerance = self.model.away_threshold() as f32;
@@ -168,7 +168,7 @@ impl SandedPlaces<'_> {
             is_whole && (is_narrow[i] || !has_evidence(i))
         };
         let without: Vec<bool> = (0..self.inside.len()).into_par_iter().map(is_without).collect();
-        Ok(self.with_rims(self.wide_unproven_pixels(&without)?))
+        Ok(self.with_rims(self.wide_pixels_without_evidence(&without)?))
     }
 
     /// Adds to narrow areas the beads that they enclose.
@@ -204,7 +204,7 @@ impl SandedPlaces<'_> {
     /// Returns the pixels without evidence in areas that are wide enough for the smallest reliably detected break.
     /// Neighbouring pixels that are broken or outside of the region belong to the area. A thinner area cannot hide a
     /// break.
-    fn wide_unproven_pixels(&self, without: &[bool]) -> Result<Vec<bool>, ImagingError> {
+    fn wide_pixels_without_evidence(&self, without: &[bool]) -> Result<Vec<bool>, ImagingError> {
         let hides = |i: usize| without[i] || !self.inside[i] || self.broke_s[i].is_finite();
         let bytes: Vec<u8> = (0..without.len()).map(|i| u8::from(hides(i))).collect();
         let opened =
@@ -216,14 +216,15 @@ impl SandedPlaces<'_> {
     /// sample point away. The area that is treated as sanded is wider than the area that a disc touched. A bare strip
     /// would be as bright as the film beside it only by chance.
     fn is_similar_to_nearby_film(&self, row: usize, column: usize, look: f64) -> bool {
-        let near =
-            |at: usize, end: usize| at.saturating_sub(Shimmer::SIDE_PX)..(at + Shimmer::SIDE_PX + 1).min(end);
+        let near = |at: usize, end: usize| {
+            at.saturating_sub(TemporalNoise::SIDE_PX)..(at + TemporalNoise::SIDE_PX + 1).min(end)
+        };
         let mut looks: Vec<f64> = near(row, self.window.height)
             .flat_map(|row| near(column, self.window.width).map(move |column| row * self.window.width + column))
             .filter(|&at| self.is_film_with_dry_brightness(at))
             .map(|at| self.film_level(at))
             .collect();
-        let Some(film) = median(&mut looks).filter(|_| looks.len() >= Shimmer::SIDE_PX) else { return false };
+        let Some(film) = median(&mut looks).filter(|_| looks.len() >= TemporalNoise::SIDE_PX) else { return false };
         (look - film).abs()
             <= (self.model.away_threshold() / 2.0 * film).max(MAX_SIMILARITY_SIGMA * self.model.noise_levels())
     }
@@ -240,7 +241,11 @@ impl SandedPlaces<'_> {
     /// Returns the brightness of the film at a pixel, grey levels; if the pixel's brightness changed and it became film
     /// again, the brightness at the end.
     fn film_level(&self, i: usize) -> f64 {
-        if self.model.is_open_now(i) { f64::from(self.model.levels(i)[0]) } else { self.model.film_look_levels(i) }
+        if self.model.is_open_now(i) {
+            f64::from(self.model.levels(i)[0])
+        } else {
+            self.model.film_brightness_levels(i)
+        }
     }
 
     /// Returns the brightness of each unbroken pixel with film, grey levels; 0 elsewhere.
@@ -249,12 +254,12 @@ impl SandedPlaces<'_> {
         (0..self.inside.len()).map(|i| if holds(i) { self.film_level(i) as f32 } else { 0.0 }).collect()
     }
 
-    fn lattice_sites(&self, shimmer: &Shimmer) -> Vec<LatticeSite> {
-        let none = LatticeSite { look: 0.0, noise: 0.0, shimmer: [f32::NAN; DIFFERENCE_COUNT] };
+    fn lattice_sample_points(&self, shimmer: &TemporalNoise) -> Vec<SamplePoint> {
+        let none = SamplePoint { look: 0.0, noise: 0.0, shimmer: [f32::NAN; DIFFERENCE_COUNT] };
         let site = |at: usize| {
-            let (top, left) = shimmer.site_position(at);
-            let rows = top..(top + Shimmer::SIDE_PX).min(self.window.height);
-            let columns = left..(left + Shimmer::SIDE_PX).min(self.window.width);
+            let (top, left) = shimmer.sample_point_position(at);
+            let rows = top..(top + TemporalNoise::SIDE_PX).min(self.window.height);
+            let columns = left..(left + TemporalNoise::SIDE_PX).min(self.window.width);
             let pixels: Vec<usize> =
                 rows.flat_map(|row| columns.clone().map(move |column| row * self.window.width + column)).collect();
             let counts = |i: &usize| {
@@ -263,12 +268,12 @@ impl SandedPlaces<'_> {
             let mut looks: Vec<f64> = pixels.iter().filter(|i| counts(i)).map(|i| self.film_level(*i)).collect();
             // If less than half of a sample point has a known brightness, its mean does not represent the whole sample
             // point.
-            if looks.len() < Shimmer::SIDE_PX * Shimmer::SIDE_PX / 2 {
+            if looks.len() < TemporalNoise::SIDE_PX * TemporalNoise::SIDE_PX / 2 {
                 return None;
             }
             let look = median(&mut looks)?;
-            let variance = self.model.site_variance(pixels[0], look)?;
-            Some(LatticeSite {
+            let variance = self.model.sample_point_variance(pixels[0], look)?;
+            Some(SamplePoint {
                 look,
                 noise: variance.sqrt(),
                 shimmer: shimmer.difference_statistics(at, variance.sqrt() / look.max(1.0)),
@@ -291,28 +296,31 @@ fn morphological_opening(window: &Window, bytes: &[u8]) -> opencv::Result<Vec<bo
     Ok(opened.data_bytes()?.iter().map(|&byte| byte > 0).collect())
 }
 
-/// All sites.
-struct SiteLattice<'a> {
-    sites: Vec<LatticeSite>,
-    shimmer: &'a Shimmer,
+/// The sample points of the window, with the parameters of the search.
+struct SamplePointLattice<'a> {
+    sites: Vec<SamplePoint>,
+    shimmer: &'a TemporalNoise,
     /// Half of the change that a break causes in a film, as a fraction of the film brightness.
     tolerance: f64,
     /// Index in [`SQUARE_RADII`] of the square that must show motion itself.
     near: usize,
 }
 
-impl SiteLattice<'_> {
+impl SamplePointLattice<'_> {
     /// Returns for each sample point whether it was wet.
-    fn wet_sites(&self) -> Vec<bool> {
+    fn wet_sample_points(&self) -> Vec<bool> {
         let sites = 0..self.sites.len();
         let water: Vec<Option<f64>> = sites.clone().into_par_iter().map(|at| self.water_variance(at)).collect();
         let mut known: Vec<f64> = water.iter().flatten().copied().collect();
         let Some(film) = median(&mut known) else { return vec![false; water.len()] };
-        let is_still: Vec<bool> = sites.clone().into_par_iter().map(|at| self.is_site_still(at, film)).collect();
+        let is_still: Vec<bool> =
+            sites.clone().into_par_iter().map(|at| self.is_sample_point_static(at, film)).collect();
         // Drops that run over a bare place move as well, but only on a part of the place: the rest is static and of
         // similar brightness.
         let is_wet = |at: usize| {
-            water[at].is_some() && !is_still[at] && self.still_neighbour_share(at, &is_still) <= MAX_STILL_SHARE
+            water[at].is_some()
+                && !is_still[at]
+                && self.static_neighbour_fraction(at, &is_still) <= MAX_STATIC_FRACTION
         };
         sites.into_par_iter().map(is_wet).collect()
     }
@@ -326,11 +334,11 @@ impl SiteLattice<'_> {
         }
         for (nth, radius) in SQUARE_RADII.into_iter().enumerate() {
             let (ratio, deviation) = self.similar_neighbour_statistics(at, radius).relative_variance()?;
-            if ratio >= MIN_SHIMMER.max(1.0 + MIN_EXCESS_SIGMA * deviation) {
-                return Some((ratio - 1.0) * site.noise_share().powi(2));
+            if ratio >= MIN_TEMPORAL_NOISE.max(1.0 + MIN_EXCESS_SIGMA * deviation) {
+                return Some((ratio - 1.0) * site.relative_noise().powi(2));
             }
             // If the nearest sample points are significantly static, motion farther away is not used.
-            if nth < NEAREST_RADIUS_COUNT && ratio + MIN_STILL_SIGMA * deviation < MIN_SHIMMER {
+            if nth < NEAREST_RADIUS_COUNT && ratio + MIN_STATIC_SIGMA * deviation < MIN_TEMPORAL_NOISE {
                 return None;
             }
             if nth == self.near && ratio < 1.0 + MIN_NEAR_EXCESS_SIGMA * deviation {
@@ -341,20 +349,20 @@ impl SiteLattice<'_> {
     }
 
     /// Checks with the nearest sample points whether a sample point moves significantly less than a film of this clip.
-    fn is_site_still(&self, at: usize, film: f64) -> bool {
+    fn is_sample_point_static(&self, at: usize, film: f64) -> bool {
         let site = &self.sites[at];
         if site.look <= 0.0 {
             return false;
         }
-        let least = 1.0 + MIN_FILM_SHARE * film / site.noise_share().powi(2);
+        let least = 1.0 + MIN_FILM_MOTION_FRACTION * film / site.relative_noise().powi(2);
         SQUARE_RADII[..NEAREST_RADIUS_COUNT].iter().all(|radius| {
             let shown = self.similar_neighbour_statistics(at, *radius).relative_variance();
-            shown.is_some_and(|(ratio, deviation)| ratio + MIN_STILL_SIGMA * deviation < least)
+            shown.is_some_and(|(ratio, deviation)| ratio + MIN_STATIC_SIGMA * deviation < least)
         })
     }
 
     /// Returns the fraction of static points among the nearby sample points of similar brightness.
-    fn still_neighbour_share(&self, at: usize, is_still: &[bool]) -> f64 {
+    fn static_neighbour_fraction(&self, at: usize, is_still: &[bool]) -> f64 {
         let (mut still, mut all) = (0, 0);
         self.for_similar_neighbours(at, SQUARE_RADII[SQUARE_RADII.len() - 1], |near| {
             all += 1;
@@ -364,8 +372,8 @@ impl SiteLattice<'_> {
     }
 
     /// Returns the combined statistics of the nearby sample points of similar brightness.
-    fn similar_neighbour_statistics(&self, at: usize, radius: usize) -> PlaceStatistics {
-        let mut shown = PlaceStatistics::default();
+    fn similar_neighbour_statistics(&self, at: usize, radius: usize) -> SamplePointStatistics {
+        let mut shown = SamplePointStatistics::default();
         self.for_similar_neighbours(at, radius, |near| shown.add(&self.sites[near]));
         shown
     }
@@ -437,7 +445,7 @@ mod tests {
         }
         model.end();
         let broke_s = vec![f32::INFINITY; 64 * 64];
-        let sanded = SandedPlaces {
+        let sanded = SandedPixels {
             model: &model,
             window: &WINDOW,
             inside: &inside,
@@ -446,13 +454,13 @@ mod tests {
             break_px: 12,
             break_to_film: Some([1.25, 2.0]),
         };
-        sanded.unproven_pixels().expect("a mask")
+        sanded.pixels_without_evidence().expect("a mask")
     }
 
     /// Returns the number of pixels without evidence in the left and in the right half of the window. Water of ±`film`
     /// levels moves on the left half. The right half is as bright as a break in that film and shows only the noise of
     /// the sensor.
-    fn unproven_pixels(film: f64, also: impl Fn(usize, usize, f64) -> f64) -> [usize; 2] {
+    fn pixels_without_evidence(film: f64, also: impl Fn(usize, usize, f64) -> f64) -> [usize; 2] {
         let found = found(|column, _| if column < 32 { (70.0, film) } else { (100.0, 0.0) }, also);
         let (left, right): (Vec<usize>, Vec<usize>) =
             (0..64 * 64).filter(|i| found[*i]).partition(|i| *i % 64 < 32);
@@ -477,7 +485,7 @@ mod tests {
     /// The square is 1.17 times as bright as its film, so it is not a narrow area. It differs from the film by more
     /// than half of the change by a break, 0.145.
     #[test]
-    fn water_elsewhere_is_no_evidence_for_a_still_place() {
+    fn distant_water_is_no_evidence_for_a_static_place() {
         const WATER: f64 = 0.67;
         let without = |moves: f64| {
             let shown = |column: usize, row: usize| match () {
@@ -495,7 +503,7 @@ mod tests {
     /// it is wide enough for the smallest break. The bead is treated as part of the square. All pixels of the square
     /// except its four corners are returned, with a rim of 20 px: 25 − 4 + 20.
     #[test]
-    fn a_bead_hides_no_narrow_place() {
+    fn a_narrow_area_with_a_bead_has_no_evidence() {
         let found = without_evidence_of(|column, row| {
             let is_bead = (column, row) == (32, 32);
             (is_square(column, row, 30..35) && !is_bead).then_some((100.0, 0.0))
@@ -507,7 +515,7 @@ mod tests {
     /// and the motion of the film. The smallest break does not reach into the corners of the square, so the corners of
     /// the rim are not returned.
     #[test]
-    fn the_rim_of_a_still_place_is_part_of_it() {
+    fn the_rim_of_a_static_area_belongs_to_it() {
         let found = without_evidence_of(|column, row| match () {
             () if is_square(column, row, 28..36) => Some((100.0, 0.0)),
             () if is_square(column, row, 27..37) => Some((75.0, 2.0)),
@@ -520,10 +528,10 @@ mod tests {
     /// channel, and 2.9 times the noise of the mean of three channels. The static half has a rim of 64 px on the other
     /// half.
     #[test]
-    fn moving_water_is_evidence_and_a_still_place_is_not() {
-        let [left, right] = unproven_pixels(2.0, |_, _, _| 0.0);
+    fn moving_water_is_evidence_and_a_static_place_is_not() {
+        let [left, right] = pixels_without_evidence(2.0, |_, _, _| 0.0);
         assert!(left < 64 + 40 && right > 2_000, "{left} {right}");
-        let [left, right] = unproven_pixels(0.0, |_, _, _| 0.0);
+        let [left, right] = pixels_without_evidence(0.0, |_, _, _| 0.0);
         assert!(left > 2_000 && right > 2_000, "{left} {right}");
     }
 
@@ -545,12 +553,12 @@ mod tests {
     #[test]
     fn drying_and_a_passing_shadow_are_no_evidence() {
         let dries = |column: usize, row: usize, time_s: f64| 0.2 * time_s * ((column / 4 + row / 4) % 2) as f64;
-        let [_, right] = unproven_pixels(0.0, dries);
+        let [_, right] = pixels_without_evidence(0.0, dries);
         assert!(right > 2_000, "{right}");
         let shadow = |column: usize, _: usize, time_s: f64| {
             if (9.0..12.0).contains(&time_s) && (column as f64) < 21.0 * (time_s - 9.0) { -20.0 } else { 0.0 }
         };
-        let [_, right] = unproven_pixels(0.0, shadow);
+        let [_, right] = pixels_without_evidence(0.0, shadow);
         assert!(right > 1_900, "{right}");
     }
 }

@@ -18,13 +18,13 @@ pub struct Score {
 /// Number of grids for each combination of true state and result.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Confusion {
-    /// Broken and failed.
+    /// Grids with a break that failed.
     pub true_fail: usize,
     /// Grids without a break that failed: each costs an hour of sanding.
     pub false_fail: usize,
     /// Grids with a break that passed: the coating will peel off.
     pub false_pass: usize,
-    /// Whole and passed.
+    /// Grids without a break that passed.
     pub true_pass: usize,
 }
 
@@ -109,7 +109,7 @@ mod tests {
     /// Expected values, calculated by hand: of the five pixels of the region, 3 were detected, 2 are true and 1 is
     /// both, so the values are 1/4, 1/3 and 1/2.
     #[test]
-    fn the_agreement_of_two_masks_is_as_by_hand() {
+    fn the_agreement_of_two_masks_equals_the_hand_calculation() {
         let region = mask([1, 1, 1, 1, 1, 0]);
         let score = score(&mask([1, 1, 1, 0, 0, 1]), &mask([0, 0, 1, 1, 0, 1]), &region).expect("one size");
         assert_eq!(score, Score { iou: 0.25, precision: 1.0 / 3.0, recall: 0.5 });
@@ -118,7 +118,7 @@ mod tests {
     /// Expected result for one true pixel of 3 × 2 at the left: its column and the next one are the rim; the last
     /// column contains no true pixel.
     #[test]
-    fn the_rim_is_left_out() {
+    fn the_rim_is_excluded() {
         let (truth, region) = (mask([1, 0, 0, 0, 0, 0]), mask([1; 6]));
         let inner = score_within(&mask([0, 1, 0, 0, 0, 0]), &truth, &region).expect("one size");
         assert_eq!(inner.iou, 1.0);

@@ -19,7 +19,7 @@ use panelprep_base::geometry::{Camera, ColorPicture, Panel, PinholeCamera, Pixel
 use panelprep_cell::panel::TaughtPanel;
 
 /// Number of profiles across the outline.
-const OUTLINE_PLACES: usize = 240;
+const OUTLINE_PROFILE_COUNT: usize = 240;
 /// Minimum number of profiles for a result.
 const MIN_PROFILES: usize = 40;
 /// Minimum remaining contrast of a visible edge, as a fraction of its contrast in the first picture: in grey levels,
@@ -28,10 +28,10 @@ const MIN_REMAINING_CONTRAST: [f32; 2] = [0.3, 0.2];
 /// Minimum percentage of the profiles that must be visible: in grey levels, or else in the channels.
 const MIN_SEEN_PERCENT: [f64; 2] = [50.0, 25.0];
 /// Minimum number of profiles that constrain the panel in its least constrained direction, for a measurement in the
-/// channels. In addition, at least the fraction `MIN_AGREEING_SHARE` of the profiles must agree with the common motion
-/// within `MAX_AGREEMENT_DISTANCE_PX`, px.
+/// channels. In addition, at least the fraction `MIN_AGREEING_FRACTION` of the profiles must agree with the common
+/// motion within `MAX_AGREEMENT_DISTANCE_PX`, px.
 const MIN_CONSTRAINT: f32 = 10.0;
-const MIN_AGREEING_SHARE: f64 = 0.6;
+const MIN_AGREEING_FRACTION: f64 = 0.6;
 const MAX_AGREEMENT_DISTANCE_PX: f32 = 1.0;
 /// Minimum contrast of a profile in the taught picture, as a multiple of `MIN_CONTRAST` in the present light, for its
 /// edge to be expected in the dry picture as well.
@@ -80,7 +80,7 @@ impl DryOutline {
             Some((now, taught.camera.project_inside(nominal * point)?))
         };
         let (pixels, then): (Vec<Pixel>, Vec<Pixel>) = taught.outline.iter().filter_map(project).unzip();
-        let step = (pixels.len() / OUTLINE_PLACES).max(1);
+        let step = (pixels.len() / OUTLINE_PROFILE_COUNT).max(1);
         // The normal is calculated over some pixels to both sides, because the taught outline consists of steps from
         // pixel to pixel.
         let reach = (pixels.len() / 100).max(2);
@@ -206,7 +206,7 @@ impl DryOutline {
         let held = agree.iter().map(|n| n * n.transpose()).sum::<Matrix2<f32>>();
         // Parallel edges alone would not show a motion along them.
         let is_held = held.symmetric_eigenvalues().min() >= MIN_CONSTRAINT;
-        if is_held && agree.len() as f64 >= MIN_AGREEING_SHARE * shifts.len() as f64 {
+        if is_held && agree.len() as f64 >= MIN_AGREEING_FRACTION * shifts.len() as f64 {
             OutlineMeasurement::Measured(compute_motion(&seen))
         } else {
             OutlineMeasurement::Disagrees
@@ -274,7 +274,7 @@ const SAMPLE_COUNT: usize = 2 * PROFILE_REACH_PX as usize + 1;
 /// Minimum contrast of a usable profile, grey levels.
 const MIN_CONTRAST: f32 = 12.0;
 /// Minimum gradient, as a fraction of the largest step of the profile; smaller gradients are noise.
-const MIN_GRADIENT_SHARE: f32 = 0.25;
+const MIN_RELATIVE_GRADIENT: f32 = 0.25;
 
 /// Number of views of a pixel: the mean of its channels, and each channel.
 const VIEW_COUNT: usize = 4;
@@ -336,7 +336,7 @@ fn edge(place: &EdgeLocation, picture: &ColorPicture, view: usize) -> Option<Edg
     }
     let (mut sum, mut weight) = (0.0, 0.0);
     for (i, step) in steps.iter().enumerate() {
-        let height = (step.abs() - MIN_GRADIENT_SHARE * largest).max(0.0);
+        let height = (step.abs() - MIN_RELATIVE_GRADIENT * largest).max(0.0);
         sum += height * (i as f32 + 0.5 - PROFILE_REACH_PX as f32);
         weight += height;
     }
@@ -401,7 +401,7 @@ mod tests {
     /// Expected values, calculated by hand: a shift of only 3 px to the right is visible on two of the four sides. With
     /// 4 px down as well, the displacement of the panel is 5 px.
     #[test]
-    fn a_panel_that_is_elsewhere_is_distinguished_from_one_in_its_place() {
+    fn a_displaced_panel_is_detected() {
         let outline = outline();
         let off = |picture: &ColorPicture| outline.outline_offset_px(picture);
         assert!(off(&square(0.0, 1.0, 70.0)).expect("contrast") < 0.05);
@@ -444,7 +444,7 @@ mod tests {
     /// Expected values, calculated by hand: 16 of 208 profiles have an edge 4 px farther inside. Without outlier
     /// rejection the result would be a motion of 16 · 4/104 = 0.6 px.
     #[test]
-    fn neither_a_drop_at_the_edge_nor_a_lost_outline_is_a_movement() {
+    fn neither_a_drop_at_the_edge_nor_an_invisible_outline_is_a_motion() {
         let mut outline = outline();
         outline.set_reference(&square(0.0, 1.0, 70.0)).expect("contrast");
         let mut dented = square(0.0, 1.0, 70.0);

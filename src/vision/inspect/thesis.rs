@@ -179,7 +179,7 @@ pub struct Film {
 
 /// Pixels that have been broken for the required number of pictures since this picture.
 #[derive(Debug, PartialEq)]
-pub struct NewlyBroken {
+pub struct NewBreaks {
     /// Time of the break, s: the time of the first of the consecutive pictures.
     pub since_wet_s: f64,
     /// The indices of the pixels in the window.
@@ -197,7 +197,7 @@ impl Film {
     }
 
     /// Adds the broken pixels of the next picture.
-    pub fn push(&mut self, broken: impl Iterator<Item = bool>, since_wet_s: f64) -> NewlyBroken {
+    pub fn push(&mut self, broken: impl Iterator<Item = bool>, since_wet_s: f64) -> NewBreaks {
         if self.recent_s.len() == self.persist_frames {
             self.recent_s.pop_front();
         }
@@ -211,7 +211,7 @@ impl Film {
             }
         }
         self.mark_broken(&pixels, began_s);
-        NewlyBroken { since_wet_s: began_s, pixels }
+        NewBreaks { since_wet_s: began_s, pixels }
     }
 
     /// Marks pixels as broken since this time.
@@ -238,7 +238,7 @@ mod tests {
     /// more pixel is white. A median of 3 × 3 removes the single pixel and the four corners of the block, around which
     /// only 4 of 9 pixels are set.
     #[test]
-    fn the_difference_of_two_pictures_is_as_by_hand() {
+    fn the_difference_of_two_pictures_equals_the_hand_calculation() {
         let reference = ColorPicture::uniform(8, 8, [100, 100, 100]);
         let mut test = reference.clone();
         for index in (0..64).filter(|i| (2..6).contains(&(i % 8)) && (2..6).contains(&(i / 8))) {
@@ -258,7 +258,7 @@ mod tests {
     /// Expected value, calculated by hand: red differs by 40, blue by 30; with a weight of 0.25 for red the difference
     /// is max(10, 30) · 2 = 60.
     #[test]
-    fn a_channel_counts_with_its_weight() {
+    fn each_channel_is_multiplied_by_its_weight() {
         let reference = ColorPicture::uniform(8, 8, [100, 100, 100]);
         let test = ColorPicture::uniform(8, 8, [140, 100, 130]);
         let [reference, test] = [&reference, &test].map(|picture| crop(picture, &WHOLE).expect("a picture"));
@@ -308,7 +308,7 @@ mod tests {
     /// Three consecutive pictures are required. Expected results: pixel 0 breaks at 2 s and stays broken, pixel 1
     /// flashes for two pictures, pixel 2 flashes first and breaks at 3 s.
     #[test]
-    fn a_break_counts_from_the_first_of_three_consecutive_pictures() {
+    fn a_break_begins_at_the_first_of_three_consecutive_pictures() {
         let mut film = Film::new(3, 3);
         let pictures = [
             [false, false, true],
@@ -319,14 +319,14 @@ mod tests {
             [true, false, true],
             [false, false, true],
         ];
-        let found: Vec<NewlyBroken> = pictures
+        let found: Vec<NewBreaks> = pictures
             .iter()
             .enumerate()
             .map(|(i, picture)| film.push(picture.iter().copied(), i as f64))
             .filter(|newly| !newly.pixels.is_empty())
             .collect();
         let expected =
-            [NewlyBroken { since_wet_s: 2.0, pixels: vec![0] }, NewlyBroken { since_wet_s: 3.0, pixels: vec![2] }];
+            [NewBreaks { since_wet_s: 2.0, pixels: vec![0] }, NewBreaks { since_wet_s: 3.0, pixels: vec![2] }];
         assert_eq!(found, expected);
         assert_eq!(film.times(), [2.0, NOT_BROKEN, 3.0]);
     }

@@ -2,7 +2,7 @@
 //! settings of the method are suitable for the test. The findings are texts for a person.
 
 use super::advice::{Advice, GridContrast};
-use super::gate::{MIN_CHANGE_TO_NOISE, name, too_coarse};
+use super::gate::{MIN_CHANGE_TO_NOISE, coarse_resolution_reason, name};
 use super::observed::Demands;
 use panelprep_base::number_text::{distinguishable_texts, fixed_decimals};
 use panelprep_base::verdict::{Check, LimitSource, Reason, Severity};
@@ -11,19 +11,19 @@ use panelprep_cell::panel::GridId;
 /// Minimum contrast-to-noise ratio: below it, wet and dry cannot be distinguished.
 pub const MIN_CONTRAST_TO_NOISE: f64 = 5.0;
 /// Maximum percentage of a grid that may have the same appearance under a film and dry, as greasy places do.
-const MAX_FAINT_PERCENT: f64 = 10.0;
+const MAX_LOW_CONTRAST_PERCENT: f64 = 10.0;
 /// Minimum brightness of the dry panel, grey levels; a darker panel needs more light.
 const MIN_DRY_BRIGHTNESS_LEVELS: f64 = 40.0;
 /// Minimum uniformity of the light: with less uniform light, a part of the panel becomes too dark or overexposed before
 /// the rest.
-const MIN_EVENNESS: f64 = 0.6;
+const MIN_UNIFORMITY: f64 = 0.6;
 /// Maximum fraction of the dry region that may be overexposed.
-const MAX_OVEREXPOSED_SHARE: f64 = 0.001;
+const MAX_OVEREXPOSED_FRACTION: f64 = 0.001;
 
 /// The results of a clip for the film method.
 #[derive(Debug, Clone)]
 pub struct Tuning {
-    /// Light and channels.
+    /// The recommended settings for light and channels.
     pub advice: Advice,
     /// Contrast of each grid in the brightness that the method evaluates.
     pub grids: Vec<GridContrast>,
@@ -50,7 +50,7 @@ impl Tuning {
         let worst =
             self.grids.iter().min_by(|a, b| a.best_contrast_to_noise().total_cmp(&b.best_contrast_to_noise()));
         let of_grid = worst.map(|grid| contrast(&format!("grid {}", grid.id), grid.best_contrast_to_noise()));
-        let coarse = too_coarse(self.detection_limit_mm2, demands.min_break_mm2);
+        let coarse = coarse_resolution_reason(self.detection_limit_mm2, demands.min_break_mm2);
         let detection = Check::new(name::SMALLEST_BREAK, "mm²", self.detection_limit_mm2)
             .with_max(demands.min_break_mm2, demands.min_break_set_by())
             .with_reason(coarse, Severity::Review);
@@ -60,7 +60,7 @@ impl Tuning {
             .or_review("persist", || {
                 let [persist, longer] = distinguishable_texts(demands.persist_s, needed_s, 1);
                 format!(
-                    "places look dry for up to {} s and then wet again, but persist_s is {persist} s (at least \
+                    "places appear dry for up to {} s and then wet again, but persist_s is {persist} s (at least \
                      {longer} s are needed): raise persist_s or remove reflections",
                     fixed_decimals(self.flash_s, 1)
                 )
@@ -69,7 +69,7 @@ impl Tuning {
         [place]
             .into_iter()
             .chain(of_grid)
-            .chain(check_faint_places(&self.grids))
+            .chain(check_low_contrast_grids(&self.grids))
             .chain(check_light(&self.advice))
             .chain([detection, persist])
             .collect()
@@ -94,16 +94,16 @@ fn check_light(advice: &Advice) -> [Check; 2] {
     let darkest = advice.evenness[0];
     [
         Check::new("the darkest twentieth of the region, of its mean light", "", darkest)
-            .with_min(MIN_EVENNESS, LimitSource::Program)
-            .with_consequence_if(darkest < MIN_EVENNESS, Severity::Review, "uneven", || {
-                let [darkest, needed] = distinguishable_texts(darkest, MIN_EVENNESS, 2);
+            .with_min(MIN_UNIFORMITY, LimitSource::Program)
+            .with_consequence_if(darkest < MIN_UNIFORMITY, Severity::Review, "uneven", || {
+                let [darkest, needed] = distinguishable_texts(darkest, MIN_UNIFORMITY, 2);
                 format!(
                     "the darkest 5 % of the region has only {darkest} of the region's mean brightness, at least \
                      {needed} is needed: use a diffuser, or move the lamp farther away"
                 )
             }),
         Check::new("dry region that is overexposed", "", advice.overexposed)
-            .with_max(MAX_OVEREXPOSED_SHARE, LimitSource::Program)
+            .with_max(MAX_OVEREXPOSED_FRACTION, LimitSource::Program)
             .or_review("overexposed", || {
                 format!("{:.1} % of the dry region is overexposed: lower the exposure", 100.0 * advice.overexposed)
             }),
@@ -123,12 +123,12 @@ fn contrast(what: &str, contrast_to_noise: f64) -> Check {
 }
 
 /// Returns a check for the grids with places at which a break would not be visible, with a remedy.
-fn check_faint_places(grids: &[GridContrast]) -> Option<Check> {
+fn check_low_contrast_grids(grids: &[GridContrast]) -> Option<Check> {
     let most = grids.iter().map(|grid| grid.faint_percent).max_by(f64::total_cmp)?;
     let check = Check::new("part of a grid that looks wet as it does dry, at most", "%", most);
-    Some(check.with_max(MAX_FAINT_PERCENT, LimitSource::Program).or_review("no_contrast", || {
+    Some(check.with_max(MAX_LOW_CONTRAST_PERCENT, LimitSource::Program).or_review("no_contrast", || {
         let faint: Vec<&GridContrast> =
-            grids.iter().filter(|grid| grid.faint_percent > MAX_FAINT_PERCENT).collect();
+            grids.iter().filter(|grid| grid.faint_percent > MAX_LOW_CONTRAST_PERCENT).collect();
         let mean_dry = faint.iter().map(|grid| grid.dry).sum::<f64>() / faint.len().max(1) as f64;
         let named: Vec<String> =
             faint.iter().map(|grid| format!("{} ({:.0} %)", grid.id, grid.faint_percent)).collect();

@@ -19,9 +19,9 @@ use panelprep_cell::recipe::Method;
 /// A panel in front of the camera that films it.
 #[derive(Debug, Clone, Copy)]
 pub struct FilmView<'a> {
-    /// The panel as taught.
+    /// The taught panel.
     pub taught: &'a TaughtPanel,
-    /// The camera.
+    /// The lens model of the camera.
     pub camera: &'a PinholeCamera,
     /// The pose of the panel in the camera, `camera_from_base · base_from_panel` (Eq. 4.6, 4.7).
     pub camera_from_panel: Rigid<Camera, Panel>,
@@ -30,7 +30,7 @@ pub struct FilmView<'a> {
     pub sanded: Option<&'a Mask>,
 }
 
-/// Observes how a film breaks.
+/// Observes how a film breaks, picture by picture.
 #[derive(Debug)]
 pub struct FilmWatch {
     pub(super) settings: recipe::Inspect,

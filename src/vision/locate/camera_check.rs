@@ -6,7 +6,7 @@
 //! outliers. A direction that the fixture does not constrain is reported as not observed, never as not moved.
 
 use super::covariance::worst_mm;
-use super::grid::{ColoredCloud, DepthReading, Grid, RigidF32, camera_point, spread_indices};
+use super::grid::{ColoredCloud, DepthReading, Grid, MatrixTransform, camera_point, spread_indices};
 use super::model::{Model, TaughtModel};
 use super::solve::{Constraint, ResidualSums, ResidualWeighting, apply_twist, spread};
 use super::{edges, grid};
@@ -105,7 +105,7 @@ fn compare_fixture<F: Frame>(
     let (edges, same_edges) = still.edges(panel, (grid, scan));
     // The smaller fraction is used: the edges or the faces alone can show that the fixture has changed.
     let same = same_edges.map_or(same_faces, |same_edges| same_edges.min(same_faces));
-    let centre = RigidF32::from_rigid(placed).point(&model.centre);
+    let centre = MatrixTransform::from_rigid(placed).point(&model.centre);
     let identity: Rigid<Camera, Panel> = *placed;
     let (mut moved, mut information) = (identity, Matrix6::zeros());
     let mut twist = nalgebra::Vector6::zeros();
@@ -141,7 +141,7 @@ fn compare_fixture<F: Frame>(
     let covariance = information.try_inverse()?;
     Some(CameraCheck {
         moved_mm: model.largest_distance_mm(&identity, &moved),
-        uncertainty_mm: PANEL_MAX_95 * worst_mm(&covariance, model, &RigidF32::from_rigid(placed)),
+        uncertainty_mm: PANEL_MAX_95 * worst_mm(&covariance, model, &MatrixTransform::from_rigid(placed)),
         unmoved_share: same,
     })
 }

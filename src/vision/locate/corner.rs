@@ -25,7 +25,7 @@ use panelprep_cell::recipe;
 use panelprep_cell::recipe::CornerName;
 
 /// Minimum fraction of the picture that the contour of the panel encloses.
-const MIN_PICTURE_SHARE: f64 = 0.02;
+const MIN_PICTURE_FRACTION: f64 = 0.02;
 /// Minimum distance between a contour point of the panel and the border of the picture, px; nearer points belong to the
 /// border.
 const MIN_BORDER_DISTANCE_PX: f64 = 3.0;
@@ -43,7 +43,7 @@ pub struct CornerFound {
     pub contour: Vec<Pixel>,
     /// The corners of the smallest box around the contour.
     pub box_px: [Pixel; 4],
-    /// The two edges.
+    /// The two edges that meet in the corner.
     pub edges: [EdgeLine; 2],
 }
 
@@ -116,8 +116,8 @@ fn panel_contour(filtered: &GrayPicture, settings: &recipe::Corner) -> Result<Ve
     // The largest contour is the panel: smaller ones are reflections and labels with the same grey levels.
     let contour = outer_contours(&mask)?.into_iter().next().ok_or(CornerError::NoContour { min, max })?;
     let share = polygon::signed_area_px2(&contour).abs() / (mask.width * mask.height) as f64;
-    if share < MIN_PICTURE_SHARE {
-        let (found_percent, needed_percent) = (100.0 * share, 100.0 * MIN_PICTURE_SHARE);
+    if share < MIN_PICTURE_FRACTION {
+        let (found_percent, needed_percent) = (100.0 * share, 100.0 * MIN_PICTURE_FRACTION);
         return Err(CornerError::ContourTooSmall { found_percent, needed_percent });
     }
     Ok(contour)
@@ -154,7 +154,7 @@ fn walk_contour(contour: &[Pixel], start: usize, step: isize) -> impl Iterator<I
 /// Length of a profile to each side of the edge, px.
 const REACH_PX: i32 = 8;
 /// Number of samples at each end of a profile that determine the grey level of this side.
-const SIDE_SAMPLES: usize = 5;
+const SIDE_SAMPLE_COUNT: usize = 5;
 /// Minimum difference between the grey levels of the two sides of an edge.
 const MIN_CONTRAST: f64 = 20.0;
 /// Minimum number of sharp edge points per pixel of length; with fewer, the edge is too short or has too many gaps.
@@ -170,16 +170,16 @@ const LINE_FIT_ITERATIONS: usize = 6;
 struct EdgeStretch {
     /// Length beside the corner that is not used, px.
     pub skip_px: f64,
-    /// Fitted, px.
+    /// Length over which the edge is fitted, px.
     pub fit_px: f64,
 }
 
-/// A straight edge.
+/// A straight edge in the picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EdgeLine {
     /// The end of the edge near the corner, px.
     pub from: Pixel,
-    /// Its other end.
+    /// The end of the edge far from the corner, px.
     pub to: Pixel,
     /// Root mean square distance of the edge points from the line, px.
     pub rms_px: f64,
@@ -284,7 +284,7 @@ fn edge_points(picture: &GrayPicture, line: &FittedLine) -> Vec<Vector2<f64>> {
 /// samples; `None` if the two levels differ too little.
 fn find_crossing(profile: &[f64]) -> Option<f64> {
     let mean = |side: &[f64]| side.iter().sum::<f64>() / side.len() as f64;
-    let (first, last) = (mean(&profile[..SIDE_SAMPLES]), mean(&profile[profile.len() - SIDE_SAMPLES..]));
+    let (first, last) = (mean(&profile[..SIDE_SAMPLE_COUNT]), mean(&profile[profile.len() - SIDE_SAMPLE_COUNT..]));
     if (last - first).abs() < MIN_CONTRAST {
         return None;
     }
@@ -354,9 +354,9 @@ pub enum CornerError {
          well inside the picture"
     )]
     CornerAtBorder {
-        /// Column, px.
+        /// Column of the corner, px.
         u: f64,
-        /// Row, px.
+        /// Row of the corner, px.
         v: f64,
     },
     /// One of the edges that meet in the corner is too short or has too little contrast.
@@ -376,7 +376,7 @@ pub enum CornerError {
         distinguishable_texts(*angle_deg, *min_deg, 1)[1]
     )]
     EdgesParallel {
-        /// The angle, degrees.
+        /// Angle between the two edges, degrees.
         angle_deg: f64,
         /// Minimum angle, degrees.
         min_deg: f64,

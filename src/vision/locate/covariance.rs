@@ -28,7 +28,7 @@
 
 use super::deviation::{Deviation, PanelPlane};
 use super::fit::{EDGE_CORRELATION_MM, RESIDUAL_KIND_COUNT, Residuals};
-use super::grid::{RigidF32, spread_indices};
+use super::grid::{MatrixTransform, spread_indices};
 use super::model::Model;
 use super::scan_errors::RangeErrors;
 use super::solve::{Constraint, ResidualSums, ResidualWeighting};
@@ -42,21 +42,25 @@ use std::f64::consts::PI;
 /// the error fields that were measured in scans to beyond the largest trial panel.
 const CORRELATION_LENGTHS_MM: [f64; 4] = [30.0, 85.0, 200.0, 400.0];
 /// Approximate number of surface points over which (1) is summed: on a panel of 330 × 220 mm they are 15 mm apart.
-const MAX_SURFACE_PLACES: usize = 300;
+const MAX_SURFACE_POINT_COUNT: usize = 300;
 /// Lower limit for the fraction of a field's variance that remains after a shift and two tilts are removed; prevents a
 /// division by zero.
-const MIN_VARIANCE_SHARE: f64 = 1e-3;
-/// ν of (2).
-const PRIOR_CELLS: f64 = 12.0;
+const MIN_VARIANCE_FRACTION: f64 = 1e-3;
+/// ν of (2), the prior weight of the stated noise, in cells.
+const PRIOR_CELL_COUNT: f64 = 12.0;
 /// Index of the surface among the kinds of residuals.
 const SURFACE_KIND: usize = 0;
 /// Minimum number of points of a cell, as a fraction of a full cell.
-const MIN_CELL_FILL_SHARE: f64 = 0.3;
+const MIN_CELL_FILL_FRACTION: f64 = 0.3;
 
 /// Returns the terms that (3) adds to the covariance of the shift, from the taught and the present centre of the panel
 /// and the rotation between them. The first term is for a scale error that all scans have in common, the second for a
 /// scale error that differs from scan to scan.
-fn scale_terms([taught, now]: [&Vector3<f64>; 2], turn: &Matrix3<f64>, range: RangeErrors) -> [Matrix3<f64>; 2] {
+fn scale_error_terms(
+    [taught, now]: [&Vector3<f64>; 2],
+    turn: &Matrix3<f64>,
+    range: RangeErrors,
+) -> [Matrix3<f64>; 2] {
     let (moved, turned) = (now - taught, turn * taught);
     [
         moved * moved.transpose() * range.scale.powi(2),
@@ -103,7 +107,7 @@ pub(super) struct PoseCovariance {
     pub weakest_mm: f64,
     /// The covariance without the term of (3) for the common scale error, which is zero at the taught pose.
     pub at_taught_place: Matrix6<f64>,
-    /// The covariance by (1) alone.
+    /// The covariance by (1), without (3).
     pub without_scale_term: Matrix6<f64>,
 }
 
@@ -113,7 +117,7 @@ pub(super) fn covariance(
     residuals: &Residuals,
     weighing: &[ResidualWeighting; RESIDUAL_KIND_COUNT],
     model: &Model,
-    (motion, deviation): (&RigidF32, Option<&Deviation>),
+    (motion, deviation): (&MatrixTransform, Option<&Deviation>),
 ) -> Option<PoseCovariance> {
     let plane = PanelPlane::from_model(model)?;
     let cell = |point: &Vector3<f64>, side_mm: f64| {
@@ -143,8 +147,10 @@ pub(super) fn covariance(
         of_edges += if k == SURFACE_KIND { Matrix6::zeros() } else { of_kind * factors[k] };
     }
     let inverse = information.try_inverse().filter(|c| (0..6).all(|i| c[(i, i)] > 0.0))?;
-    let surface =
-        SurfaceErrorEffects::new(surface_places(residuals, &weighing[SURFACE_KIND], (model, plane)), &inverse);
+    let surface = SurfaceErrorEffects::new(
+        select_surface_points(residuals, &weighing[SURFACE_KIND], (model, plane)),
+        &inverse,
+    );
     let of_edges = inverse * of_edges * inverse;
     let variances = [
         factors[SURFACE_KIND] * weighing[SURFACE_KIND].sigma.powi(2),
@@ -159,9 +165,9 @@ pub(super) fn covariance(
         .into_iter()
         .max_by(|a, b| worst_mm(a, model, motion).total_cmp(&worst_mm(b, model, motion)))
         .filter(|covariance| covariance.iter().all(|value| value.is_finite()))?;
-    let taught_place = RigidF32::from_rigid(&model.camera_from_panel);
+    let taught_place = MatrixTransform::from_rigid(&model.camera_from_panel);
     let (taught, turn) = (taught_place.point(&model.centre), motion.turn * taught_place.turn.transpose());
-    let [shared, between_scans] = scale_terms([&taught, &residuals.centre], &turn, model.range);
+    let [shared, between_scans] = scale_error_terms([&taught, &residuals.centre], &turn, model.range);
     let at_taught_place = add_shift_covariance(without_scale, between_scans);
     let covariance = add_shift_covariance(at_taught_place, shared);
     let weakest = weakest_direction(&covariance, model);
@@ -186,7 +192,7 @@ pub(super) fn covariance(
 }
 
 /// A surface point with its contribution to the information matrix of the fit.
-struct SurfacePlace {
+struct SurfacePoint {
     /// Position of the point in the plane of the panel, mm.
     at_mm: [f64; 2],
     /// The gradient w Jᵀ of (1) for this point.
@@ -197,27 +203,27 @@ struct SurfacePlace {
 
 /// The effect of the errors of the surface residuals on the pose of the panel.
 struct SurfaceErrorEffects {
-    places: Vec<SurfacePlace>,
+    places: Vec<SurfacePoint>,
     /// The matrix column B of (1) for each surface point.
     moves: Vec<Vector6<f64>>,
-    /// B⊥.
+    /// The matrix column B⊥ of (1) for each surface point.
     bent: Vec<Vector6<f64>>,
-    /// (FᵀF)⁻¹.
+    /// The inverse (FᵀF)⁻¹, with the matrix F of `deviation`.
     of_rigid: Matrix3<f64>,
 }
 
 /// Selects surface points that represent all surface residuals.
-fn surface_places(
+fn select_surface_points(
     residuals: &Residuals,
     weighing: &ResidualWeighting,
     (model, plane): (&Model, PanelPlane),
-) -> Vec<SurfacePlace> {
-    let chosen = spread_indices(residuals.surface.len(), MAX_SURFACE_PLACES);
+) -> Vec<SurfacePoint> {
+    let chosen = spread_indices(residuals.surface.len(), MAX_SURFACE_POINT_COUNT);
     let each_for = residuals.surface.len() as f64 / chosen.len().max(1) as f64;
     let place = |index: usize| {
         let constraint = &residuals.surface[index];
         let (point, normal) = (&model.points[constraint.sample], &model.normals[constraint.sample]);
-        SurfacePlace {
+        SurfacePoint {
             at_mm: plane.plane_position(point),
             weighted_gradient: constraint.jacobian(&residuals.centre)
                 * (weighing.weight(constraint.residual) * each_for),
@@ -229,7 +235,7 @@ fn surface_places(
 
 impl SurfaceErrorEffects {
     /// Computes the effect of the residual errors on a fit; `inverse` is the inverse of its information matrix.
-    fn new(places: Vec<SurfacePlace>, inverse: &Matrix6<f64>) -> SurfaceErrorEffects {
+    fn new(places: Vec<SurfacePoint>, inverse: &Matrix6<f64>) -> SurfaceErrorEffects {
         let moves: Vec<Vector6<f64>> = places.iter().map(|place| inverse * place.weighted_gradient).collect();
         let squares: Matrix3<f64> = places.iter().map(|place| place.rigid * place.rigid.transpose()).sum();
         let of_rigid = squares.try_inverse().unwrap_or_else(Matrix3::zeros);
@@ -262,7 +268,7 @@ impl SurfaceErrorEffects {
         // Removing a shift and two tilts from a field of variance 1 reduces its variance. The measured variance is the
         // reduced one.
         let left = 1.0 - (self.of_rigid * rigid).trace() / count.max(1) as f64;
-        noise * of_scan + bend * (of_panel / left.max(MIN_VARIANCE_SHARE))
+        noise * of_scan + bend * (of_panel / left.max(MIN_VARIANCE_FRACTION))
     }
 }
 
@@ -301,18 +307,18 @@ fn correlation_inflation(
         *sums = (sums.0 + robust, sums.1 + robust * constraint.residual);
     }
     // The mean of a cell at the rim with few points is noisy, and would look like correlated noise.
-    let filled = cells.values().filter(|(weight, _)| *weight >= MIN_CELL_FILL_SHARE * weighing.correlated_count);
+    let filled = cells.values().filter(|(weight, _)| *weight >= MIN_CELL_FILL_FRACTION * weighing.correlated_count);
     let (count, squares) = filled.fold((0.0, 0.0), |(count, squares), (weight, sum)| {
         let mean = sum / weight;
         (count + 1.0, squares + mean * mean / (weighing.sigma * weighing.sigma))
     });
     // The fit absorbs a part of the noise. Therefore the cells never reduce the stated noise.
-    ((PRIOR_CELLS + squares) / (PRIOR_CELLS + count)).max(1.0)
+    ((PRIOR_CELL_COUNT + squares) / (PRIOR_CELL_COUNT + count)).max(1.0)
 }
 
 /// Returns one standard deviation at the point of the panel with the largest error, along the direction of this error,
 /// mm.
-pub(super) fn worst_mm(covariance: &Matrix6<f64>, model: &Model, motion: &RigidF32) -> f64 {
+pub(super) fn worst_mm(covariance: &Matrix6<f64>, model: &Model, motion: &MatrixTransform) -> f64 {
     let centre = motion.point(&model.centre);
     let at = |point: &Vector3<f64>| {
         let arm = motion.point(point) - centre;
@@ -342,13 +348,13 @@ mod tests {
             );
             let arm = point.cross(&normal);
             let rigid = Vector3::new(normal.z, arm.x, arm.y);
-            SurfacePlace {
+            SurfacePoint {
                 at_mm: [x, y],
                 weighted_gradient: Vector6::new(arm.x, arm.y, arm.z, normal.x, normal.y, normal.z),
                 rigid,
             }
         };
-        let places: Vec<SurfacePlace> = (0..25 * 17).map(place).collect();
+        let places: Vec<SurfacePoint> = (0..25 * 17).map(place).collect();
         let of_surface: Matrix6<f64> =
             places.iter().map(|place| place.weighted_gradient * place.weighted_gradient.transpose()).sum();
         let outline = Matrix6::from_diagonal(&Vector6::new(0.0, 0.0, 1e4, 1.0, 1.0, 0.0)) * of_outline;
@@ -386,19 +392,19 @@ mod tests {
     /// scale error of 0.1 % is 0.02 mm. A scale error of 0.01 % that differs from scan to scan is 0.07 mm in each of
     /// the two scans, along the view.
     #[test]
-    fn a_shared_scale_error_counts_with_the_distance_between_the_poses() {
+    fn a_common_scale_error_increases_with_the_distance_between_the_poses() {
         let (taught, now) = (Vector3::new(0.0, 0.0, 700.0), Vector3::new(0.0, 0.0, 720.0));
         let range = RangeErrors { scale: 0.001, scan_to_scan_scale: 0.0001, ..RangeErrors::default() };
         let none = Matrix3::identity();
-        let [shared, own] = scale_terms([&taught, &now], &none, range);
+        let [shared, own] = scale_error_terms([&taught, &now], &none, range);
         assert!((shared[(2, 2)].sqrt() - 0.02).abs() < 1e-12 && shared[(0, 0)] == 0.0, "{shared}");
         assert!((own[(2, 2)].sqrt() - 0.07_f64.hypot(0.072)).abs() < 1e-12 && own[(0, 0)] == 0.0, "{own}");
-        let [shared, own] = scale_terms([&taught, &taught], &none, range);
+        let [shared, own] = scale_error_terms([&taught, &taught], &none, range);
         assert_eq!(shared, Matrix3::zeros());
         assert!((own[(2, 2)].sqrt() - 0.07 * std::f64::consts::SQRT_2).abs() < 1e-12, "{own}");
         // After a tilt by a right angle, the error of the taught scan along its view is sideways.
         let tilt = Matrix3::new(0.0, 0.0, 1.0, 0.0, 1.0, 0.0, -1.0, 0.0, 0.0);
-        let [_, own] = scale_terms([&taught, &taught], &tilt, range);
+        let [_, own] = scale_error_terms([&taught, &taught], &tilt, range);
         assert!((own[(0, 0)].sqrt() - 0.07).abs() < 1e-12 && (own[(2, 2)].sqrt() - 0.07).abs() < 1e-12, "{own}");
     }
 }

@@ -11,7 +11,7 @@
 //! treated as a shift or a tilt, and a shift or a tilt is never treated as a bow. A slide of a curved panel in its
 //! plane looks like a deviation: only outline and marks constrain a bent panel there (`covariance`).
 
-use super::fit::{FitInputs, IterationEnd, Residuals, Samples, fit};
+use super::fit::{FitInputs, FitState, Residuals, Samples, fit};
 use super::grid::spread_indices;
 use super::model::Model;
 use nalgebra::{Matrix3, Vector3};
@@ -32,7 +32,7 @@ const DEVIATION_ITERATIONS: usize = 2;
 
 /// The result of a fit, with the bend of the panel at this pose.
 pub(super) struct BentFit {
-    pub fitted: IterationEnd,
+    pub fitted: FitState,
     /// `None` if too little of the surface is visible: the taught panel is then used without a bend.
     pub deviation: Option<Deviation>,
     /// The taught panel, bent by the deviation.
@@ -40,7 +40,7 @@ pub(super) struct BentFit {
 }
 
 /// Estimates the deviation, starting with a fit of the taught panel to these samples.
-pub(super) fn estimate_deviation(fitted: IterationEnd, inputs: FitInputs<'_>, samples: &Samples) -> BentFit {
+pub(super) fn estimate_deviation(fitted: FitState, inputs: FitInputs<'_>, samples: &Samples) -> BentFit {
     let of_surface = samples.surface_only();
     let mut bent = BentFit { fitted, deviation: None, model: None };
     for _ in 0..DEVIATION_ITERATIONS {
@@ -93,7 +93,7 @@ impl PanelPlane {
     }
 }
 
-/// d of (1).
+/// The deviation d of (1), as a smooth field on the plane of the panel.
 #[derive(Debug, Clone)]
 pub(super) struct Deviation {
     plane: PanelPlane,

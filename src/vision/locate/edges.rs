@@ -30,7 +30,7 @@ const MAX_SURFACE_DISTANCE_MM_PER_PX: f64 = 0.15;
 /// slant.
 const MIN_INCIDENCE_COSINE: f64 = 0.3;
 /// Number of pixels just inside of an edge that are examined; `MIN_INSIDE_PIXELS` of them must be on the surface.
-const INSIDE_PX: i32 = 6;
+const INSIDE_PIXEL_COUNT: i32 = 6;
 const MIN_INSIDE_PIXELS: usize = 3;
 /// Maximum distance between the edge by colour and the edge by depth, px.
 const MAX_COLOUR_DEPTH_DISTANCE_PX: f64 = 2.6;
@@ -205,10 +205,12 @@ fn find_depth_edge(depths: &[DepthClass]) -> DepthEdge {
         return DepthEdge::Not(EdgeReading::Hidden);
     }
     let middle = count / 2;
-    let unlit = (middle - INSIDE_PX..middle).filter(|&i| at(i) == DepthClass::Missing).count() > MIN_INSIDE_PIXELS;
+    let unlit =
+        (middle - INSIDE_PIXEL_COUNT..middle).filter(|&i| at(i) == DepthClass::Missing).count() > MIN_INSIDE_PIXELS;
     let surface_ends = farther.unwrap_or(count);
     let last_on = (0..surface_ends).rev().find(|&i| at(i) == DepthClass::On);
-    let on = |last: i32| (last - INSIDE_PX + 1..=last).filter(|&i| i >= 0 && at(i) == DepthClass::On).count();
+    let on =
+        |last: i32| (last - INSIDE_PIXEL_COUNT + 1..=last).filter(|&i| i >= 0 && at(i) == DepthClass::On).count();
     let Some(last_on) = last_on.filter(|&last| on(last) >= MIN_INSIDE_PIXELS) else {
         return if unlit { DepthEdge::Near(0.0) } else { DepthEdge::Not(EdgeReading::Absent) };
     };
@@ -240,10 +242,10 @@ const SUM_REACH_PX: f64 = 1.6;
 const MAX_SUM_DIFFERENCE_PX: f64 = 0.5;
 /// Minimum difference between the levels of the two sides, grey levels.
 const MIN_CONTRAST: f64 = 14.0;
-/// Maximum variation of the brightness that determines a level, grey levels. `MAX_LEVEL_VARIATION_SHARE` is the limit
-/// as a fraction of the contrast; the larger of both limits applies.
+/// Maximum variation of the brightness that determines a level, grey levels. `MAX_RELATIVE_LEVEL_VARIATION` is the
+/// limit as a fraction of the contrast; the larger of both limits applies.
 const MAX_LEVEL_VARIATION: f64 = 10.0;
-const MAX_LEVEL_VARIATION_SHARE: f64 = 0.1;
+const MAX_RELATIVE_LEVEL_VARIATION: f64 = 0.1;
 
 /// Brightness at the positions along a line, from the inside outwards.
 pub(super) type BrightnessLine = [f64; POSITION_COUNT];
@@ -311,7 +313,7 @@ fn find_single_step(line: &BrightnessLine, expected_px: f64) -> Option<Brightnes
     let contrast = outside - inside;
     // The level cannot be determined beside another edge, for example of a post behind the panel.
     let uneven =
-        uneven_inside.max(uneven_outside) > MAX_LEVEL_VARIATION.max(MAX_LEVEL_VARIATION_SHARE * contrast.abs());
+        uneven_inside.max(uneven_outside) > MAX_LEVEL_VARIATION.max(MAX_RELATIVE_LEVEL_VARIATION * contrast.abs());
     if contrast.abs() < MIN_CONTRAST || uneven {
         return None;
     }
@@ -397,7 +399,7 @@ mod tests {
     /// Expected values, calculated by hand: 70 levels inside, 180 outside. The pixel at +2 shows the panel on a quarter
     /// of its area, so the edge is at 1.5 + 0.25. The crossing would be at 1 + 55/82.5.
     #[test]
-    fn a_mixed_pixel_states_where_the_edge_is() {
+    fn the_edge_is_located_within_a_mixed_pixel() {
         let line: BrightnessLine = std::array::from_fn(|i| match i as i64 - HALF_LENGTH_PX as i64 {
             ..2 => 70.0,
             2 => 70.0 + 110.0 * 0.75,

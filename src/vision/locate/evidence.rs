@@ -24,8 +24,8 @@ use super::covariance::{PoseCovariance, WeakestMotion, covariance, worst_mm};
 use super::deviation::Deviation;
 use super::edges::EdgeReading;
 use super::error::LocateError;
-use super::fit::{FitInputs, IterationEnd, Residuals, Samples};
-use super::grid::{Grid, RigidF32, camera_point};
+use super::fit::{FitInputs, FitState, Residuals, Samples};
+use super::grid::{Grid, MatrixTransform, camera_point};
 use super::model::Model;
 use super::pieces;
 use super::pieces::Piece;
@@ -40,7 +40,7 @@ use rayon::prelude::*;
 /// A located pose with its evidence.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fit {
-    /// The panel's pose.
+    /// The located pose of the panel in the base frame.
     pub base_from_panel: Rigid<Base, Panel>,
     /// Root mean square distance of the scan from the taught surface with its smooth deviation, mm: the part that no
     /// smooth bend explains.
@@ -91,7 +91,7 @@ pub struct Fit {
     pub camera_at_teaching_mm: Option<f64>,
     /// Covariance of a small twist (ω, v) about the centre of the panel in the camera frame, rad and mm.
     pub covariance: Matrix6<f64>,
-    /// The panel's centre.
+    /// The centre of the panel in the panel frame.
     pub centre: Point<Panel>,
     /// Uncertainty of the pose, 95 %: the maximum error over the whole panel, mm.
     pub uncertainty_mm: f64,
@@ -102,7 +102,7 @@ pub struct Fit {
     pub uncertainty_without_scale_mm: f64,
     /// Uncertainty along the least constrained direction, 95 %, mm; for a rotation its mean displacement of the panel.
     pub weakest_mm: f64,
-    /// The weakest direction.
+    /// The direction in which the pose is least constrained.
     pub weakest_direction: WeakestMotion,
     /// Distance between the centre of the panel and its nominal position, mm.
     pub shift_mm: f64,
@@ -193,7 +193,7 @@ pub(super) struct FurtherEvidence {
 
 /// Calculates the evidence for the result of a fit.
 pub(super) fn compute_evidence(
-    fitted: &IterationEnd,
+    fitted: &FitState,
     inputs: FitInputs<'_>,
     pieces: &[Piece],
     base_from_camera: Rigid<Base, Camera>,
@@ -201,7 +201,7 @@ pub(super) fn compute_evidence(
 ) -> Result<Fit, LocateError> {
     let FitInputs { model, grid, .. } = inputs;
     let placed = fitted.camera_from_panel;
-    let motion = RigidF32::from_rigid(&placed);
+    let motion = MatrixTransform::from_rigid(&placed);
     let samples = Samples::all_of_model(model);
     let residuals = Residuals::at_pose(&placed, inputs, &samples);
     let weighing = residuals.residual_weights(model, &samples);
@@ -213,8 +213,8 @@ pub(super) fn compute_evidence(
             },
         )?;
     let at_worst_mm = |covariance| PANEL_MAX_95 * worst_mm(covariance, model, &motion);
-    let surface = SurfaceShares::compute(&motion, inputs);
-    let outline = OutlineShares::compute(&residuals, model);
+    let surface = SurfaceFractions::compute(&motion, inputs);
+    let outline = OutlineFractions::compute(&residuals, model);
     // The points that were missing at teaching and the points that are missing now are independent of each other.
     let of_expected = |share: f64| (share / model.measured_share).min(1.0);
     // The camera mount is used only here: everything before is in the camera frame and does not depend on the
@@ -277,18 +277,18 @@ pub(super) const MAX_FOUND_EDGE_DISTANCE_PX: f64 = 1.5;
 /// Minimum level of a saturated channel.
 pub const MIN_SATURATED_LEVEL: u8 = 252;
 /// Minimum fraction of a piece that is on the panel, for the piece to be a part of the panel.
-const MIN_SHARE_ON_PANEL: f64 = 0.2;
+const MIN_FRACTION_ON_PANEL: f64 = 0.2;
 
 /// Fractions of the taught surface, 0…1.
-pub(super) struct SurfaceShares {
+pub(super) struct SurfaceFractions {
     pub found: f64,
     pub through: f64,
     pub measured: f64,
     pub rms_mm: f64,
 }
 
-impl SurfaceShares {
-    pub fn compute(motion: &RigidF32, inputs: FitInputs<'_>) -> SurfaceShares {
+impl SurfaceFractions {
+    pub fn compute(motion: &MatrixTransform, inputs: FitInputs<'_>) -> SurfaceFractions {
         let FitInputs { model, grid, scan } = inputs;
         let look = |i: usize| {
             let pixel = grid.camera.project(camera_point(&motion.point(&model.points[i])));
@@ -313,7 +313,7 @@ impl SurfaceShares {
             measured += usize::from(*has_point);
         }
         let share = |part: usize, whole: usize| part as f64 / whole.max(1) as f64;
-        SurfaceShares {
+        SurfaceFractions {
             found: share(on + near, looks.len()),
             through: share(through, looks.len()),
             measured: share(measured, in_view),
@@ -323,15 +323,15 @@ impl SurfaceShares {
 }
 
 /// Fractions of the taught outline, 0…1.
-pub(super) struct OutlineShares {
+pub(super) struct OutlineFractions {
     pub found: f64,
     pub absent: f64,
     pub rms_px: f64,
     pub width_px: Option<f64>,
 }
 
-impl OutlineShares {
-    pub fn compute(residuals: &Residuals, model: &Model) -> OutlineShares {
+impl OutlineFractions {
+    pub fn compute(residuals: &Residuals, model: &Model) -> OutlineFractions {
         let (mut found, mut absent, mut in_view, mut squares, mut near) = (0.0, 0.0, 0.0, 0.0, 0usize);
         let mut widths = Vec::new();
         for (k, edge) in &residuals.edges {
@@ -356,7 +356,7 @@ impl OutlineShares {
         }
         let whole: f64 = model.outline.iter().map(|sample| sample.length_mm).sum();
         let enough = widths.len() >= 20;
-        OutlineShares {
+        OutlineFractions {
             found: found / whole.max(1.0),
             absent: absent / f64::max(in_view, 1.0),
             rms_px: (squares / near.max(1) as f64).sqrt(),
@@ -382,18 +382,18 @@ fn marks_found(residuals: &Residuals, model: &Model) -> Option<f64> {
 
 /// Returns the fraction of the scanned pieces of the panel that the taught panel covers. An object attached to the
 /// panel at a holder is treated as a separate piece.
-fn scan_found_share(motion: &RigidF32, inputs: FitInputs<'_>, pieces: &[Piece]) -> f64 {
+fn scan_found_share(motion: &MatrixTransform, inputs: FitInputs<'_>, pieces: &[Piece]) -> f64 {
     if !inputs.model.held_px.is_empty() {
         return scan_overlap(motion, inputs, &cut_held_places(motion, inputs, pieces));
     }
     scan_overlap(motion, inputs, pieces)
 }
 
-fn scan_overlap(motion: &RigidF32, inputs: FitInputs<'_>, pieces: &[Piece]) -> f64 {
+fn scan_overlap(motion: &MatrixTransform, inputs: FitInputs<'_>, pieces: &[Piece]) -> f64 {
     let (mut found, mut whole) = (0.0, 0.0);
     for piece in pieces {
         let share = covered_share(motion, inputs.model, inputs.grid, piece, 1_500);
-        if share >= MIN_SHARE_ON_PANEL {
+        if share >= MIN_FRACTION_ON_PANEL {
             found += share * piece.area_mm2;
             whole += piece.area_mm2;
         }
@@ -402,9 +402,9 @@ fn scan_overlap(motion: &RigidF32, inputs: FitInputs<'_>, pieces: &[Piece]) -> f
 }
 
 /// Returns the pieces without the blocks within the holders of the taught picture.
-fn cut_held_places(motion: &RigidF32, inputs: FitInputs<'_>, pieces: &[Piece]) -> Vec<Piece> {
+fn cut_held_places(motion: &MatrixTransform, inputs: FitInputs<'_>, pieces: &[Piece]) -> Vec<Piece> {
     let FitInputs { model, grid, .. } = inputs;
-    let (back, taught) = (motion.inverse(), RigidF32::from_rigid(&model.camera_from_panel));
+    let (back, taught) = (motion.inverse(), MatrixTransform::from_rigid(&model.camera_from_panel));
     let is_held = |block: usize| {
         let point = grid.point(block % grid.columns, block / grid.columns);
         let pixel =
@@ -419,7 +419,7 @@ fn cut_held_places(motion: &RigidF32, inputs: FitInputs<'_>, pieces: &[Piece]) -
 }
 
 /// Returns the fraction of the pixels of the panel that are overexposed.
-fn saturated_share(motion: &RigidF32, inputs: FitInputs<'_>) -> f64 {
+fn saturated_share(motion: &MatrixTransform, inputs: FitInputs<'_>) -> f64 {
     let FitInputs { model, grid, scan } = inputs;
     let (mut asked, mut over) = (0usize, 0usize);
     for point in model.points.iter().step_by(7) {

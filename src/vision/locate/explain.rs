@@ -10,7 +10,7 @@ use super::edges::EdgeReading;
 pub use super::evidence::MIN_SATURATED_LEVEL;
 use super::evidence::{Fit, MAX_FOUND_EDGE_DISTANCE_PX};
 use super::fit::{FitInputs, Residuals, Samples};
-use super::grid::{RigidF32, camera_point};
+use super::grid::{MatrixTransform, camera_point};
 use super::search::{PointObservation, observe_point};
 use super::solve::apply_twist;
 use super::{PreparedScan, camera_check, covariance, pieces};
@@ -18,7 +18,7 @@ use panelprep_base::geometry::statistics::NORMAL_TWO_SIDED_95;
 use panelprep_base::geometry::{Camera, Panel, Pixel, Rigid};
 
 /// Magnification of the stated error in the drawing.
-pub const ERROR_SCALE: f64 = 50.0;
+pub const ERROR_DISPLAY_SCALE: f64 = 50.0;
 
 /// The scan at a taught point of the surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -38,7 +38,7 @@ pub enum SurfaceMark {
 /// The picture at a point of the taught outline.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum OutlineMark {
-    /// The edge.
+    /// The edge is at its taught position.
     Found,
     /// The edge is displaced or missing.
     Elsewhere,
@@ -59,17 +59,17 @@ pub enum FixtureMark {
 
 /// The evidence at each evaluated pixel of the picture.
 #[derive(Debug, Clone, Default)]
-pub struct Explained {
+pub struct EvidenceMarks {
     /// Side of the square that each pixel of the surface or of an object represents, px.
     pub block_px: usize,
-    /// The taught surface.
+    /// The pixels of the taught surface.
     pub surface: Vec<(Pixel, SurfaceMark)>,
     /// The pixels of the taught outline, in order.
     pub outline: Vec<(Pixel, OutlineMark)>,
     /// The borders of taught marks, each represented by a short segment.
     pub marks: Vec<([Pixel; 2], OutlineMark)>,
     /// Pairs of a pixel of the outline and the same pixel displaced by the stated error along the least constrained
-    /// direction, enlarged by [`ERROR_SCALE`].
+    /// direction, enlarged by [`ERROR_DISPLAY_SCALE`].
     pub weakest: Vec<(Pixel, Pixel)>,
     /// The pixel of the outline with the widest step of brightness.
     pub widest_step: Option<Pixel>,
@@ -84,14 +84,14 @@ pub const MAX_FIXTURE_SHIFT_PX: f64 = 0.5;
 
 impl PreparedScan<'_> {
     /// Evaluates all evidence again; `fit` is the result of the localization, or `None` if there is none.
-    pub fn explain(&self, fit: Option<&Fit>) -> Explained {
+    pub fn explain(&self, fit: Option<&Fit>) -> EvidenceMarks {
         let (grid, inputs) = (&self.grid, self.inputs());
         let of_block = |&block: &u32| grid.pixel(block as usize % grid.columns, block as usize / grid.columns);
         let thing = |piece: &pieces::Piece| (piece.area_mm2, piece.blocks.iter().map(of_block).collect());
-        let mut explained = Explained {
+        let mut explained = EvidenceMarks {
             block_px: grid.factor,
             objects_in_box: self.pieces.iter().map(thing).collect(),
-            ..Explained::default()
+            ..EvidenceMarks::default()
         };
         let Some(fit) = fit else { return explained };
         let placed: Rigid<Camera, Panel> = self.view.base_from_camera.inverse() * fit.base_from_panel;
@@ -130,7 +130,7 @@ fn surface(
     inputs: FitInputs<'_>,
     bend_mm: impl Fn(usize) -> f64,
 ) -> Vec<(Pixel, SurfaceMark)> {
-    let motion = RigidF32::from_rigid(placed);
+    let motion = MatrixTransform::from_rigid(placed);
     let mark = |i: usize| {
         let pixel = inputs.grid.camera.project(camera_point(&motion.point(&inputs.model.points[i])))?;
         let mark = match observe_point(&motion, inputs.model, inputs.grid, i) {
@@ -160,7 +160,7 @@ fn explain_marks(
     inputs: FitInputs<'_>,
     residuals: &Residuals,
 ) -> Vec<([Pixel; 2], OutlineMark)> {
-    let motion = RigidF32::from_rigid(placed);
+    let motion = MatrixTransform::from_rigid(placed);
     let stretch = |(k, edge): &(usize, EdgeReading)| {
         let mark = &inputs.model.marks.points[*k];
         let end = |way_mm: f64| {
@@ -176,7 +176,7 @@ fn outline(
     inputs: FitInputs<'_>,
     residuals: &Residuals,
 ) -> (Vec<(Pixel, OutlineMark)>, Option<Pixel>) {
-    let motion = RigidF32::from_rigid(placed);
+    let motion = MatrixTransform::from_rigid(placed);
     let pixel = |k: usize| inputs.grid.camera.project(camera_point(&motion.point(&inputs.model.outline[k].point)));
     let mark = |(k, edge): &(usize, EdgeReading)| Some((pixel(*k)?, outline_mark(edge)));
     let width = |(k, edge): &(usize, EdgeReading)| match edge {
@@ -190,12 +190,12 @@ fn outline(
 /// Returns the pixels of the outline, each with its position displaced by the stated error along the direction of the
 /// largest error.
 fn weakest_displacement(placed: &Rigid<Camera, Panel>, inputs: FitInputs<'_>, fit: &Fit) -> Vec<(Pixel, Pixel)> {
-    let motion = RigidF32::from_rigid(placed);
+    let motion = MatrixTransform::from_rigid(placed);
     let centre = motion.point(&inputs.model.centre);
-    let twist =
-        covariance::weakest_direction(&fit.covariance, inputs.model).twist * (NORMAL_TWO_SIDED_95 * ERROR_SCALE);
-    let moved = RigidF32::from_rigid(&apply_twist(placed, &centre, &twist));
-    let project = |motion: &RigidF32, k: usize| {
+    let twist = covariance::weakest_direction(&fit.covariance, inputs.model).twist
+        * (NORMAL_TWO_SIDED_95 * ERROR_DISPLAY_SCALE);
+    let moved = MatrixTransform::from_rigid(&apply_twist(placed, &centre, &twist));
+    let project = |motion: &MatrixTransform, k: usize| {
         inputs.grid.camera.project(camera_point(&motion.point(&inputs.model.outline[k].point)))
     };
     (0..inputs.model.outline.len()).filter_map(|k| Some((project(&motion, k)?, project(&moved, k)?))).collect()

@@ -15,7 +15,7 @@
 
 use super::edges;
 use super::edges::{EdgeReading, HALF_LENGTH_PX, Tangent, edge, outward_px};
-use super::grid::{ColoredCloud, Grid, RigidF32, camera_point, spread_indices};
+use super::grid::{ColoredCloud, Grid, MatrixTransform, camera_point, spread_indices};
 use super::model::Model;
 use super::print_features::MarkPoint;
 use super::search::surface_residual;
@@ -41,7 +41,7 @@ const MIN_SURFACE_CUTOFF_MM: f64 = 0.4;
 const MIN_EDGE_CUTOFF_PX: f64 = 0.5;
 const MIN_DEPTH_EDGE_CUTOFF_PX: f64 = 2.0;
 
-/// Kinds of residuals.
+/// Number of kinds of residuals: surface, edges by colour, edges by depth, marks.
 pub(super) const RESIDUAL_KIND_COUNT: usize = 4;
 
 /// All residuals of the panel at a pose.
@@ -102,7 +102,7 @@ impl Samples {
 impl Residuals {
     /// Computes the residuals at a pose.
     pub fn at_pose(placed: &Rigid<Camera, Panel>, inputs: FitInputs<'_>, samples: &Samples) -> Residuals {
-        let motion = RigidF32::from_rigid(placed);
+        let motion = MatrixTransform::from_rigid(placed);
         let FitInputs { model, grid, scan } = inputs;
         let surface: Vec<Option<Constraint>> = samples
             .surface
@@ -195,7 +195,7 @@ impl Residuals {
 
 /// Returns the constraints by the visible marks, and the result of the search for the edge of each mark.
 fn marks_at_pose(
-    motion: &RigidF32,
+    motion: &MatrixTransform,
     FitInputs { model, grid, scan }: FitInputs<'_>,
     samples: &[usize],
 ) -> (Vec<Constraint>, Vec<(usize, EdgeReading)>) {
@@ -215,7 +215,7 @@ fn marks_at_pose(
 
 /// The state of the fit after its last iteration.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct IterationEnd {
+pub(super) struct FitState {
     pub camera_from_panel: Rigid<Camera, Panel>,
     pub iterations: usize,
     pub last_step_mm: f64,
@@ -223,8 +223,8 @@ pub(super) struct IterationEnd {
 
 /// Fits the pose, starting with the guess, until a step moves the panel by less than the limit; `None` if a direction
 /// is unconstrained.
-pub(super) fn fit(guess: &Rigid<Camera, Panel>, inputs: FitInputs<'_>, samples: &Samples) -> Option<IterationEnd> {
-    let mut fitted = IterationEnd { camera_from_panel: *guess, iterations: 0, last_step_mm: f64::INFINITY };
+pub(super) fn fit(guess: &Rigid<Camera, Panel>, inputs: FitInputs<'_>, samples: &Samples) -> Option<FitState> {
+    let mut fitted = FitState { camera_from_panel: *guess, iterations: 0, last_step_mm: f64::INFINITY };
     while fitted.iterations < MAX_STEPS && fitted.last_step_mm > CONVERGED_STEP_MM {
         let residuals = Residuals::at_pose(&fitted.camera_from_panel, inputs, samples);
         // The weights are computed again in each step: the cutoff decreases with the residuals, so that outliers lose
@@ -250,7 +250,7 @@ pub(super) struct EdgeObservation {
 
 /// Searches for the edge beside a point of the outline.
 pub(super) fn observe_edge(
-    motion: &RigidF32,
+    motion: &MatrixTransform,
     model: &Model,
     camera: &PinholeCamera,
     scan: &ColoredCloud,
@@ -282,9 +282,9 @@ const MIN_INCIDENCE_COSINE: f64 = 0.1;
 /// Minimum distance of another object in front of the panel, mm.
 const MIN_OCCLUDER_DISTANCE_MM: f64 = 3.0;
 
-/// Searches one mark.
+/// Searches for the step of brightness at the border of a mark.
 pub(super) fn observe_mark(
-    motion: &RigidF32,
+    motion: &MatrixTransform,
     mark: &MarkPoint,
     camera: &PinholeCamera,
     scan: &ColoredCloud,

@@ -33,20 +33,20 @@ const OVERLAP_REVIEW_MARGIN: f64 = 0.1;
 const OUTLINE_ALLOWANCE: f64 = 0.15;
 /// Maximum fraction of the taught points at which the scan shows a surface farther away; with a larger fraction the
 /// panel is not there. Single points of this kind are flying points.
-pub const MAX_SEEN_THROUGH_SHARE: f64 = 0.01;
+pub const MAX_SEEN_THROUGH_FRACTION: f64 = 0.01;
 /// Maximum fraction of the outline in view that is not at its taught position.
-pub const MAX_OUTLINE_ABSENT_SHARE: f64 = 0.08;
+pub const MAX_OUTLINE_ABSENT_FRACTION: f64 = 0.08;
 /// Minimum fraction of the marks in view that are at their taught positions.
-pub const MIN_MARKS_FOUND_SHARE: f64 = 0.5;
+pub const MIN_MARKS_FOUND_FRACTION: f64 = 0.5;
 /// Maximum outline residual of a panel of the taught shape, px.
 pub const MAX_OUTLINE_RMS_PX: f64 = 0.5;
 /// Minimum fraction of the points of a dry panel in view that are measured.
-pub const MIN_MEASURED_SHARE: f64 = 0.9;
+pub const MIN_MEASURED_FRACTION: f64 = 0.9;
 /// Maximum increase of the width of a brightness step since teaching, px: with a larger increase the picture is not
 /// sharp, or the panel or the camera moved.
 pub const MAX_BLUR_PX: f64 = 1.0;
 /// Maximum fraction of the panel that may be overexposed.
-pub const MAX_OVEREXPOSED_SHARE: f64 = 0.2;
+pub const MAX_OVEREXPOSED_FRACTION: f64 = 0.2;
 /// Maximum last step of a converged fit, as a multiple of the step that ends the iteration: rounding errors may prevent
 /// a smaller step.
 const MAX_LAST_STEP_RATIO: f64 = 5.0;
@@ -92,7 +92,7 @@ pub fn checks(fit: &Fit, recipe: &Recipe) -> Vec<Check> {
 /// Checks whether the object is the taught panel, and whether it is complete.
 fn check_panel(fit: &Fit, limits: &recipe::Locate) -> Vec<Check> {
     let differs = || {
-        let [absent, allowed] = distinguishable_percents(fit.outline_absent, MAX_OUTLINE_ABSENT_SHARE, 0);
+        let [absent, allowed] = distinguishable_percents(fit.outline_absent, MAX_OUTLINE_ABSENT_FRACTION, 0);
         let [off, allowed_off] = distinguishable_texts(fit.outline_rms_px, MAX_OUTLINE_RMS_PX, 2);
         format!(
             "{absent} % of the visible outline is not at its taught position (limit {allowed} %); the rest \
@@ -121,18 +121,18 @@ fn check_panel(fit: &Fit, limits: &recipe::Locate) -> Vec<Check> {
                 )
             }),
         Check::new("taught surface that is seen through", "", fit.seen_through_share)
-            .with_max(MAX_SEEN_THROUGH_SHARE, LimitSource::Program)
+            .with_max(MAX_SEEN_THROUGH_FRACTION, LimitSource::Program)
             .or_reject("seen_through", || {
                 let [through, allowed] =
-                    distinguishable_percents(fit.seen_through_share, MAX_SEEN_THROUGH_SHARE, 1);
+                    distinguishable_percents(fit.seen_through_share, MAX_SEEN_THROUGH_FRACTION, 1);
                 format!(
-                    "at {through} % of the taught surface, the scan sees something behind it (limit {allowed} %), \
+                    "at {through} % of the taught surface, the scan shows another surface behind it (limit {allowed} %), \
                      so the panel is missing there; check that it is the right panel, with the taught side to the \
                      camera"
                 )
             }),
         Check::new("outline in view that is elsewhere", "", fit.outline_absent)
-            .with_max(MAX_OUTLINE_ABSENT_SHARE, LimitSource::Program)
+            .with_max(MAX_OUTLINE_ABSENT_FRACTION, LimitSource::Program)
             .or_reject("outline_differs", differs),
         Check::new(name::OUTLINE_RESIDUAL, "px", fit.outline_rms_px)
             .with_max(MAX_OUTLINE_RMS_PX, LimitSource::Program)
@@ -170,9 +170,9 @@ fn check_bend(fit: &Fit, limits: &recipe::Surface) -> Check {
 /// Checks whether the panel has the taught marks.
 fn check_marks(found: f64) -> Check {
     Check::new("marks in view that are where the taught ones are", "", found)
-        .with_min(MIN_MARKS_FOUND_SHARE, LimitSource::Program)
+        .with_min(MIN_MARKS_FOUND_FRACTION, LimitSource::Program)
         .or_review("marks_differ", || {
-            let [found, needed] = distinguishable_percents(found, MIN_MARKS_FOUND_SHARE, 0);
+            let [found, needed] = distinguishable_percents(found, MIN_MARKS_FOUND_FRACTION, 0);
             format!(
                 "{found} % of the panel's visible marks are at their taught positions, at least {needed} % are \
                  needed; check that it is the right panel, in the right orientation. If its marks were sanded off, \
@@ -186,9 +186,9 @@ fn check_scan_quality(fit: &Fit) -> Vec<Check> {
     let blur_px = fit.blur_px();
     vec![
         Check::new("panel in view that gave points", "", fit.measured)
-            .with_min(MIN_MEASURED_SHARE, LimitSource::Program)
+            .with_min(MIN_MEASURED_FRACTION, LimitSource::Program)
             .or_review("points_missing", || {
-                let [gave, needed] = distinguishable_percents(fit.measured, MIN_MEASURED_SHARE, 0);
+                let [gave, needed] = distinguishable_percents(fit.measured, MIN_MEASURED_FRACTION, 0);
                 format!(
                     "only {gave} % of the visible panel has 3D points, at least {needed} % are needed; dry the \
                      panel, or shade a lamp that it reflects"
@@ -204,9 +204,9 @@ fn check_scan_quality(fit: &Fit) -> Vec<Check> {
                 )
             }),
         Check::new("panel that is overexposed", "", fit.saturated_share)
-            .with_max(MAX_OVEREXPOSED_SHARE, LimitSource::Program)
+            .with_max(MAX_OVEREXPOSED_FRACTION, LimitSource::Program)
             .or_review("overexposed", || {
-                let [found, allowed] = distinguishable_percents(fit.saturated_share, MAX_OVEREXPOSED_SHARE, 0);
+                let [found, allowed] = distinguishable_percents(fit.saturated_share, MAX_OVEREXPOSED_FRACTION, 0);
                 format!(
                     "{found} % of the panel is overexposed (limit {allowed} %); lower the exposure or shade the \
                      lamp"
@@ -250,17 +250,17 @@ fn check_overlap(fit: &Fit, limits: &recipe::Locate) -> [Check; 2] {
 
 /// Minimum fraction of the outline that must be visible: with less, a panel is poorly constrained sideways, in
 /// particular a flat one.
-const MIN_OUTLINE_SEEN_SHARE: f64 = 0.6;
+const MIN_OUTLINE_SEEN_FRACTION: f64 = 0.6;
 
 /// Returns the checks with warnings at teaching: too little of the panel's outline is visible in its own scan. If
 /// `fit`, the panel located in that scan, is given, there is also a warning if the fixture shows too little to detect a
 /// moved camera.
-pub fn teaching_warnings(seen: &OutlineEvidence, fit: Option<&Fit>) -> Vec<Check> {
+pub fn teaching_checks(seen: &OutlineEvidence, fit: Option<&Fit>) -> Vec<Check> {
     let share = seen.by_colour + seen.by_depth;
     let outline = Check::new("outline that the scan shows", "", share)
-        .with_min(MIN_OUTLINE_SEEN_SHARE, LimitSource::Program)
+        .with_min(MIN_OUTLINE_SEEN_FRACTION, LimitSource::Program)
         .or_review("outline_unseen", || {
-            let [seen, needed] = distinguishable_percents(share, MIN_OUTLINE_SEEN_SHARE, 0);
+            let [seen, needed] = distinguishable_percents(share, MIN_OUTLINE_SEEN_FRACTION, 0);
             format!(
                 "the scan shows {seen} % of the panel's outline, at least {needed} % are needed: only the outline \
                  determines the sideways position of a flat panel; give the panel a background of another \
@@ -288,17 +288,17 @@ pub const MAX_CAMERA_MOVED_MM: f64 = 0.25;
 pub const MAX_CAMERA_DETECTION_LIMIT_MM: f64 = 0.55;
 /// Minimum fraction of the fixture that must be at its taught position: objects are added and removed, the fixture
 /// stays.
-pub const MIN_UNMOVED_FIXTURE_SHARE: f64 = 0.4;
+pub const MIN_UNMOVED_FIXTURE_FRACTION: f64 = 0.4;
 /// Returns the smallest displacement by a motion of the camera that is detected, mm, if the fixture determines the
 /// camera pose with this uncertainty, 95 %, mm.
-pub fn noticed_mm(uncertainty_mm: f64) -> f64 {
+pub fn detectable_displacement_mm(uncertainty_mm: f64) -> f64 {
     MAX_CAMERA_MOVED_MM + uncertainty_mm
 }
 
 /// Returns whether a fixture that determines the camera pose with this uncertainty, mm, can detect a motion of the
 /// camera; `None` means that the fixture contains no information.
 pub fn can_detect_motion(uncertainty_mm: Option<f64>) -> bool {
-    uncertainty_mm.is_some_and(|mm| noticed_mm(mm) <= MAX_CAMERA_DETECTION_LIMIT_MM)
+    uncertainty_mm.is_some_and(|mm| detectable_displacement_mm(mm) <= MAX_CAMERA_DETECTION_LIMIT_MM)
 }
 
 /// Checks whether the camera has moved since teaching.
@@ -306,13 +306,16 @@ fn check_camera(fit: &Fit) -> Vec<Check> {
     let camera = fit.camera.as_ref();
     let (moved_mm, uncertainty_mm) = (camera.map(|it| it.moved_mm), camera.map(|it| it.uncertainty_mm));
     let same = Check::new("fixture that stands where it stood", "", camera.map(|it| it.unmoved_share))
-        .with_min(MIN_UNMOVED_FIXTURE_SHARE, LimitSource::Program);
+        .with_min(MIN_UNMOVED_FIXTURE_FRACTION, LimitSource::Program);
     let is_other = !same.is_met();
     let same = same.or_reject("camera_moved", || {
-        let [same, needed] =
-            distinguishable_percents(camera.map_or(f64::NAN, |it| it.unmoved_share), MIN_UNMOVED_FIXTURE_SHARE, 0);
+        let [same, needed] = distinguishable_percents(
+            camera.map_or(f64::NAN, |it| it.unmoved_share),
+            MIN_UNMOVED_FIXTURE_FRACTION,
+            0,
+        );
         format!(
-            "only {same} % of the fixture is where it was at teaching, at least {needed} % are needed; check \
+            "only {same} % of the fixture is at its taught position, at least {needed} % are needed; check \
              whether the camera or the fixture was moved, then calibrate and teach again"
         )
     });
@@ -340,7 +343,8 @@ fn check_camera(fit: &Fit) -> Vec<Check> {
 /// Checks whether this scan can show that the camera has not moved.
 fn check_fixture(fit: &Fit) -> Vec<Check> {
     let uncertainty_mm = fit.camera.map(|camera| camera.uncertainty_mm);
-    let noticed = Check::new("a camera is noticed that moves it by", "mm", uncertainty_mm.map(noticed_mm));
+    let noticed =
+        Check::new("a camera is noticed that moves it by", "mm", uncertainty_mm.map(detectable_displacement_mm));
     // The limit applies if the fixture can detect a motion of the camera, now or at teaching.
     let is_shown = can_detect_motion(uncertainty_mm) || can_detect_motion(fit.camera_at_teaching_mm);
     let noticed =
@@ -349,9 +353,10 @@ fn check_fixture(fit: &Fit) -> Vec<Check> {
     let is_unwatched = !can_detect_motion(uncertainty_mm) && can_detect_motion(fit.camera_at_teaching_mm);
     vec![noticed.with_consequence_if(is_unwatched, Severity::Review, "camera_unwatched", || {
         let seen = uncertainty_mm.map_or("too little of the fixture is visible".to_owned(), |mm| {
-            let [noticed, _] = distinguishable_texts(noticed_mm(mm), MAX_CAMERA_DETECTION_LIMIT_MM, 2);
+            let [noticed, _] =
+                distinguishable_texts(detectable_displacement_mm(mm), MAX_CAMERA_DETECTION_LIMIT_MM, 2);
             format!(
-                "the fixture reveals a movement of the camera only if it shifts the panel by {noticed} mm or more"
+                "the fixture shows a motion of the camera only if the motion displaces the panel by {noticed} mm or more"
             )
         });
         format!(
@@ -365,10 +370,10 @@ fn check_fixture(fit: &Fit) -> Vec<Check> {
 /// Checks whether the taught scan shows enough of the fixture to detect a camera that moved.
 fn check_taught_fixture(fit: &Fit) -> Check {
     let uncertainty_mm = fit.camera.map(|camera| camera.uncertainty_mm);
-    Check::new("a camera is noticed that moves the panel by", "mm", uncertainty_mm.map(noticed_mm))
+    Check::new("a camera is noticed that moves the panel by", "mm", uncertainty_mm.map(detectable_displacement_mm))
         .with_max(MAX_CAMERA_DETECTION_LIMIT_MM, LimitSource::Program)
         .with_consequence_if(!can_detect_motion(uncertainty_mm), Severity::Review, "camera_unwatched", || {
-            "too little of the fixture is visible to detect a movement of the camera; put fixed objects into view \
+            "too little of the fixture is visible to detect a motion of the camera; put fixed objects into view \
              beside the panel, outside of the search box, with clear edges in two directions"
                 .to_owned()
         })
@@ -425,7 +430,7 @@ fn uncertainty_reason(fit: &Fit) -> String {
     let mm = |value| fixed_decimals(value, 2);
     if fit.uncertainty_at_taught_place_mm <= MAX_UNCERTAINTY_MM {
         format!(
-            "the panel's centre is {} mm from its taught position, so the scale error of the 3D camera counts; at \
+            "the panel's centre is {} mm from its taught position, so the scale error of the 3D camera increases the uncertainty; at \
              the taught position the uncertainty would be {} mm: put the panel nearer to it, measure the camera \
              with `panelprep calibrate scanner`, or correct the pose with two corners",
             fixed_decimals(fit.shift_mm, 0),

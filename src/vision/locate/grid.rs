@@ -24,7 +24,7 @@ const MAX_MEDIAN_DEVIATION_SIDES: f64 = 0.8;
 const MAX_SLANTED_DEVIATION_SIDES: f64 = 0.35;
 /// Minimum fraction of the pixels of a block that must agree: if the pixels on one side are missing, the mean is not
 /// the depth of the centre of the block.
-const MIN_AGREEING_SHARE: f64 = 0.9;
+const MIN_AGREEING_FRACTION: f64 = 0.9;
 /// Maximum difference between the depths of neighbouring blocks of one surface, as a multiple of the side of the block:
 /// a slope of 73°.
 const MAX_STEP_SIDES: f64 = 3.3;
@@ -49,9 +49,9 @@ pub(super) enum DepthReading {
 pub(super) struct Grid {
     /// Number of pixels along the side of a block.
     pub factor: usize,
-    /// Blocks across.
+    /// Number of blocks in a row of the grid.
     pub columns: usize,
-    /// Blocks down.
+    /// Number of rows of blocks.
     pub rows: usize,
     pub camera: PinholeCamera,
     /// For each block, the inverse depth in 1/mm; NaN if the block has no depth.
@@ -160,7 +160,7 @@ impl Grid {
 
 /// Returns the minimum number of pixels of a block that must agree.
 fn min_agreeing_pixels(pixels: usize) -> usize {
-    (MIN_AGREEING_SHARE * pixels as f64).ceil().max(1.0) as usize
+    (MIN_AGREEING_FRACTION * pixels as f64).ceil().max(1.0) as usize
 }
 
 fn block_inverse(depths: &mut [f32], pixels: usize, block_rad: f64) -> f32 {
@@ -226,25 +226,25 @@ fn mean_inverse(depths: impl Iterator<Item = f32>) -> f32 {
 
 /// A rigid transform as rotation matrix and shift vector, without the types of its frames.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct RigidF32 {
+pub(super) struct MatrixTransform {
     pub turn: Matrix3<f64>,
     pub shift: Vector3<f64>,
 }
 
-impl RigidF32 {
+impl MatrixTransform {
     pub fn from_rigid<To: panelprep_base::geometry::Frame, From: panelprep_base::geometry::Frame>(
         rigid: &Rigid<To, From>,
-    ) -> RigidF32 {
-        RigidF32 { turn: *rigid.rotation().matrix(), shift: rigid.origin().mm.coords }
+    ) -> MatrixTransform {
+        MatrixTransform { turn: *rigid.rotation().matrix(), shift: rigid.origin().mm.coords }
     }
 
     pub fn point(&self, point: &Vector3<f64>) -> Vector3<f64> {
         self.turn * point + self.shift
     }
 
-    pub fn inverse(&self) -> RigidF32 {
+    pub fn inverse(&self) -> MatrixTransform {
         let back = self.turn.transpose();
-        RigidF32 { turn: back, shift: -(back * self.shift) }
+        MatrixTransform { turn: back, shift: -(back * self.shift) }
     }
 }
 
@@ -255,7 +255,7 @@ pub(super) fn blocks_in_box(
     low: [f64; 3],
     high: [f64; 3],
 ) -> Vec<bool> {
-    let motion = RigidF32::from_rigid(base_from_camera);
+    let motion = MatrixTransform::from_rigid(base_from_camera);
     let mut inside = vec![false; grid.columns * grid.rows];
     inside.par_chunks_mut(grid.columns).enumerate().for_each(|(row, line)| {
         for (column, inside) in line.iter_mut().enumerate() {

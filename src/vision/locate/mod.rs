@@ -43,8 +43,8 @@ use deviation::{BentFit, Deviation};
 pub use error::LocateError;
 use evidence::FurtherEvidence;
 pub use evidence::{CompetingPose, Fit};
-use fit::{FitInputs, IterationEnd, Residuals, Samples};
-use grid::{Grid, RigidF32, spread_indices};
+use fit::{FitInputs, FitState, Residuals, Samples};
+use grid::{Grid, MatrixTransform, spread_indices};
 use model::Model;
 pub use model::TaughtModel;
 use nalgebra::{Rotation3, Vector3, Vector6};
@@ -62,27 +62,27 @@ pub use taught_outline::OutlineEvidence;
 /// A scan and the pose of its camera.
 #[derive(Debug, Clone, Copy)]
 pub struct ScanView<'a> {
-    /// The scan.
+    /// The scan in the camera frame.
     pub scan: &'a OrganizedCloud<Camera>,
-    /// Its lens.
+    /// The lens model of the camera.
     pub camera: &'a PinholeCamera,
-    /// Its pose.
+    /// The pose of the camera in the base frame.
     pub base_from_camera: Rigid<Base, Camera>,
     /// The errors of the scans of this camera.
     pub range: RangeErrors,
 }
 
 /// Number of samples of a fit that only compares hypotheses, and of a fit from an independent start.
-const HYPOTHESIS_SAMPLES: usize = 3_000;
-/// Offset of the independent starts from the result: a shift as a fraction of the panel's reach (`START_SHIFT_SHARE`),
-/// and a rotation, rad (`START_ROTATION_RAD`).
-const START_SHIFT_SHARE: f64 = 0.02;
+const HYPOTHESIS_SAMPLE_COUNT: usize = 3_000;
+/// Offset of the independent starts from the result: a shift as a fraction of the panel's reach
+/// (`RELATIVE_START_SHIFT`), and a rotation, rad (`START_ROTATION_RAD`).
+const RELATIVE_START_SHIFT: f64 = 0.02;
 const START_ROTATION_RAD: f64 = 0.015;
 
-/// Numbers of taught points (`THESIS_TAUGHT_POINTS`) and scanned points (`THESIS_SCANNED_POINTS`) for the thesis's
-/// method.
-const THESIS_TAUGHT_POINTS: usize = 6_000;
-const THESIS_SCANNED_POINTS: usize = 120_000;
+/// Numbers of taught points (`THESIS_TAUGHT_POINT_COUNT`) and scanned points (`THESIS_SCANNED_POINT_COUNT`) for the
+/// thesis's method.
+const THESIS_TAUGHT_POINT_COUNT: usize = 6_000;
+const THESIS_SCANNED_POINT_COUNT: usize = 120_000;
 
 /// A taught panel and a scan, prepared for localization and for explaining its result.
 pub struct PreparedScan<'a> {
@@ -105,7 +105,7 @@ pub fn locate(taught: &TaughtPanel, view: &ScanView<'_>, settings: &recipe::Loca
 }
 
 impl<'a> PreparedScan<'a> {
-    /// Prepares the scan.
+    /// Prepares a scan for the localization of a taught panel.
     pub fn new(
         (taught, taught_model): (&'a TaughtPanel, &'a TaughtModel),
         view: &ScanView<'a>,
@@ -187,7 +187,7 @@ impl<'a> PreparedScan<'a> {
                 // The thesis's method states no error of its own; its distance from the pose of the other method, which
                 // has a stated error, is an upper limit of it.
                 let off_mm = inputs.model.largest_distance_mm(&camera_from_panel, &fitted.camera_from_panel);
-                let placed = IterationEnd { camera_from_panel, ..fitted };
+                let placed = FitState { camera_from_panel, ..fitted };
                 let fit = evidence::compute_evidence(&placed, inputs, pieces, view.base_from_camera, beside)?;
                 Ok(fit.with_additional_error(off_mm))
             }
@@ -198,12 +198,12 @@ impl<'a> PreparedScan<'a> {
     fn locate_by_thesis(&self, start: &Rigid<Camera, Panel>) -> Rigid<Camera, Panel> {
         let PreparedScan { view, grid, inside, .. } = self;
         let points = &self.taught_model.model.points;
-        let taught: Vec<Point<Panel>> = grid::spread_indices(points.len(), THESIS_TAUGHT_POINTS)
+        let taught: Vec<Point<Panel>> = grid::spread_indices(points.len(), THESIS_TAUGHT_POINT_COUNT)
             .into_iter()
             .map(|index| Point::new(points[index].into()))
             .collect();
         let in_box: Vec<usize> = (0..inside.len()).filter(|&index| inside[index]).collect();
-        let scanned: Vec<Point<Base>> = grid::spread_indices(in_box.len(), THESIS_SCANNED_POINTS)
+        let scanned: Vec<Point<Base>> = grid::spread_indices(in_box.len(), THESIS_SCANNED_POINT_COUNT)
             .into_iter()
             .filter_map(|place| grid.point(in_box[place] % grid.columns, in_box[place] / grid.columns))
             .map(|point| view.base_from_camera * grid::camera_point(&point))
@@ -226,7 +226,7 @@ enum PanelForm {
 /// Returns whether the panel at this pose is bent by more than the tolerance of the taught surface.
 fn is_bent(placed: &Rigid<Camera, Panel>, inputs: FitInputs<'_>) -> bool {
     let residuals =
-        Residuals::at_pose(placed, inputs, &Samples::subset(inputs.model, HYPOTHESIS_SAMPLES).surface_only());
+        Residuals::at_pose(placed, inputs, &Samples::subset(inputs.model, HYPOTHESIS_SAMPLE_COUNT).surface_only());
     let deviation = Deviation::from_residuals(&residuals, inputs.model, None);
     deviation.is_some_and(|deviation| deviation.largest_mm > MAX_SURFACE_DISTANCE_MM)
 }
@@ -237,7 +237,7 @@ fn choose(
     inputs: FitInputs<'_>,
     panels: PanelForm,
 ) -> Option<(Rigid<Camera, Panel>, Option<CompetingPose>)> {
-    let samples = Samples::subset(inputs.model, HYPOTHESIS_SAMPLES);
+    let samples = Samples::subset(inputs.model, HYPOTHESIS_SAMPLE_COUNT);
     let fitted: Vec<Option<(Rigid<Camera, Panel>, ConsistencyScore)>> = hypotheses
         .par_iter()
         .take(search::fitted_hypotheses(inputs.model) - 1)
@@ -284,9 +284,9 @@ fn choose(
 }
 
 /// Returns the maximum distance between the results of independent starts, mm; infinite if a start does not converge.
-fn agreement_mm(fitted: &IterationEnd, inputs: FitInputs<'_>) -> f64 {
-    let shift_mm = START_SHIFT_SHARE * search::reach_mm(inputs.model);
-    let centre = RigidF32::from_rigid(&fitted.camera_from_panel).point(&inputs.model.centre);
+fn agreement_mm(fitted: &FitState, inputs: FitInputs<'_>) -> f64 {
+    let shift_mm = RELATIVE_START_SHIFT * search::reach_mm(inputs.model);
+    let centre = MatrixTransform::from_rigid(&fitted.camera_from_panel).point(&inputs.model.centre);
     // Three starts around the result, each shifted sideways and rotated about another axis.
     let starts = [0.0, 120.0, 240.0f64].map(|turn_deg| {
         let around = Rotation3::from_axis_angle(&Vector3::z_axis(), turn_deg.to_radians());
@@ -295,14 +295,12 @@ fn agreement_mm(fitted: &IterationEnd, inputs: FitInputs<'_>) -> f64 {
         let twist = Vector6::new(turn.x, turn.y, turn.z, shift.x, shift.y, shift.z);
         solve::apply_twist(&fitted.camera_from_panel, &centre, &twist)
     });
-    let samples = Samples::subset(inputs.model, HYPOTHESIS_SAMPLES);
-    let ends: Vec<Option<IterationEnd>> =
-        starts.par_iter().map(|start| fit::fit(start, inputs, &samples)).collect();
+    let samples = Samples::subset(inputs.model, HYPOTHESIS_SAMPLE_COUNT);
+    let ends: Vec<Option<FitState>> = starts.par_iter().map(|start| fit::fit(start, inputs, &samples)).collect();
     // A start that does not converge is evidence against the pose, not a missing value.
-    let Some(ends) = ends.into_iter().collect::<Option<Vec<IterationEnd>>>() else { return f64::INFINITY };
-    let apart = |a: &IterationEnd, b: &IterationEnd| {
-        inputs.model.largest_distance_mm(&a.camera_from_panel, &b.camera_from_panel)
-    };
+    let Some(ends) = ends.into_iter().collect::<Option<Vec<FitState>>>() else { return f64::INFINITY };
+    let apart =
+        |a: &FitState, b: &FitState| inputs.model.largest_distance_mm(&a.camera_from_panel, &b.camera_from_panel);
     let pairs = (0..ends.len()).flat_map(|i| (0..i).map(move |j| (i, j)));
     pairs.map(|(i, j)| apart(&ends[i], &ends[j])).fold(0.0, f64::max)
 }
@@ -333,9 +331,9 @@ struct ConsistencyScore {
 }
 
 impl ConsistencyScore {
-    /// Computes the score at a pose.
+    /// Compares the panel at this pose with the scan.
     pub fn compute(placed: &Rigid<Camera, Panel>, inputs: FitInputs<'_>) -> ConsistencyScore {
-        let motion = RigidF32::from_rigid(placed);
+        let motion = MatrixTransform::from_rigid(placed);
         let FitInputs { model, grid, scan } = inputs;
         let outline = (0..model.outline.len()).into_par_iter().with_min_len(64).map(|k| {
             fit::observe_edge(&motion, model, &grid.camera, scan, k)?.edge.is_within_distance(MAX_EDGE_DISTANCE_PX)
@@ -434,7 +432,7 @@ mod tests {
     /// Expected values, calculated by hand: 3 mm support only the first pose, 5 mm only the second; points that are not
     /// visible at one of the poses are excluded.
     #[test]
-    fn only_differences_count() {
+    fn only_points_where_the_poses_differ_are_evidence() {
         let votes = |said: [Option<bool>; 4]| ConsistencyScore {
             agreements: said.to_vec(),
             lengths_mm: vec![3.0, 5.0, 7.0, 9.0],

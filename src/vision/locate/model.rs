@@ -5,7 +5,7 @@
 //! on the taught panel are derived once, before there is a scan.
 
 use super::error::LocateError;
-use super::grid::{Grid, RigidF32, camera_point};
+use super::grid::{Grid, MatrixTransform, camera_point};
 use super::pieces::centroid_and_normal;
 use super::print_features::TaughtMarks;
 use super::scan_errors::RangeErrors;
@@ -16,11 +16,11 @@ use panelprep_cell::panel::TaughtPanel;
 use std::sync::Arc;
 
 /// Minimum fraction of the surface with measured points, for a panel without missing parts.
-const MIN_COMPLETE_SHARE: f64 = 0.9;
+const MIN_COMPLETE_FRACTION: f64 = 0.9;
 /// Minimum number of surface points: with fewer, the panel is not sufficiently constrained.
 const MIN_SURFACE_POINTS: usize = 200;
 
-/// The taught panel.
+/// The taught panel as points, outline and marks.
 #[derive(Clone)]
 pub(super) struct Model {
     /// Points of the surface in the panel frame, mm.
@@ -57,7 +57,7 @@ pub(super) struct Model {
 
 /// Returns the depths of the taught scan: of its panel if `of_panel` is true, otherwise of all other surfaces.
 fn taught_grid(panel: &TaughtPanel, of_panel: bool) -> Grid {
-    let motion = RigidF32::from_rigid(&panel.panel_from_camera.inverse());
+    let motion = MatrixTransform::from_rigid(&panel.panel_from_camera.inverse());
     let depth_row = motion.turn.row(2).into_owned();
     let raw = panel.scan.raw_points_mm();
     let depth = |index: usize| {
@@ -113,7 +113,7 @@ impl Model {
     /// Returns whether large parts of the panel had no points at teaching. Now points may be missing as well, possibly
     /// elsewhere.
     pub fn has_missing_parts(&self) -> bool {
-        self.measured_fraction < MIN_COMPLETE_SHARE
+        self.measured_share < MIN_COMPLETE_FRACTION
     }
 
     /// Returns the centre of the surface in the panel frame.
@@ -127,15 +127,15 @@ impl Model {
     }
 
     /// Returns the sine of the angle between the taught view of the panel and its view at a pose.
-    pub fn view_change(&self, placed: &RigidF32) -> f64 {
-        let taught = RigidF32::from_rigid(&self.camera_from_panel);
-        let view = |motion: &RigidF32| (motion.turn.transpose() * -motion.point(&self.centre)).normalize();
+    pub fn view_change(&self, placed: &MatrixTransform) -> f64 {
+        let taught = MatrixTransform::from_rigid(&self.camera_from_panel);
+        let view = |motion: &MatrixTransform| (motion.turn.transpose() * -motion.point(&self.centre)).normalize();
         view(&taught).cross(&view(placed)).norm()
     }
 
     /// Returns the maximum distance between the positions of one outline point at two poses, mm.
     pub fn largest_distance_mm(&self, a: &Rigid<Camera, Panel>, b: &Rigid<Camera, Panel>) -> f64 {
-        let (a, b) = (RigidF32::from_rigid(a), RigidF32::from_rigid(b));
+        let (a, b) = (MatrixTransform::from_rigid(a), MatrixTransform::from_rigid(b));
         let apart = |sample: &OutlinePoint| (a.point(&sample.point) - b.point(&sample.point)).norm();
         self.outline.iter().step_by(4).map(apart).fold(0.0, f64::max)
     }
@@ -143,7 +143,7 @@ impl Model {
 
 /// A taught panel in the form that the localization uses.
 pub struct TaughtModel {
-    /// The panel.
+    /// The model of the panel.
     pub(super) model: Model,
     /// The other surfaces in the taught scan: the fixture.
     pub(super) fixture: Grid,

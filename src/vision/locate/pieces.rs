@@ -7,7 +7,7 @@
 //! border of every block is computed by two sweeps over the picture (8SSED: Danielsson, Comput. Graph. Image Process.
 //! 14, 1980).
 
-use super::grid::{Grid, RigidF32};
+use super::grid::{Grid, MatrixTransform};
 use nalgebra::{Matrix3, Vector3};
 use panelprep_base::geometry::{DIRECT_NEIGHBOURS, RasterSize};
 
@@ -26,13 +26,13 @@ const NONE: u32 = u32::MAX;
 /// A connected smooth component of the scan.
 #[derive(Debug, Clone)]
 pub(super) struct Piece {
-    /// Its blocks.
+    /// Indices of the blocks of the piece.
     pub blocks: Vec<u32>,
     /// The centre of the piece in the camera frame, mm.
     pub centre: Vector3<f64>,
     /// The direction in which the points of the piece scatter least, towards the camera.
     pub normal: Vector3<f64>,
-    /// Its area, mm².
+    /// Area of the piece, mm².
     pub area_mm2: f64,
     /// Half of the diagonal of the piece's extent, mm.
     pub reach_mm: f64,
@@ -222,7 +222,7 @@ pub(super) fn points<'a>(
 /// Returns the position of a point in the grid of another view; `None` if the point is behind that camera.
 pub(super) fn grid_position_in(
     grid: &Grid,
-    motion: &RigidF32,
+    motion: &MatrixTransform,
     point: &Vector3<f64>,
 ) -> Option<(Vector3<f64>, [f64; 2])> {
     let there = motion.point(point);

@@ -11,7 +11,7 @@
 
 use super::edges;
 use super::edges::{HALF_LENGTH_PX, POSITION_COUNT, pixel_gray};
-use super::grid::{ColoredCloud, Grid, RigidF32};
+use super::grid::{ColoredCloud, Grid, MatrixTransform};
 use super::pieces::{Border, Piece};
 use super::taught_outline::Surface;
 use nalgebra::{Vector2, Vector3};
@@ -26,9 +26,9 @@ const CELL_PX: usize = 8;
 /// outline, and far above that of a weave.
 const MIN_CONTRAST: f64 = 40.0;
 /// Minimum fraction of a step's contrast that lies between the two pixels that [`steepest_change`] compares.
-const MIN_STEP_SHARE: f64 = 0.35;
+const MIN_STEP_FRACTION: f64 = 0.35;
 /// Minimum change of brightness at the border of a mark, grey levels.
-pub(super) const MIN_STEP_LEVELS: f64 = MIN_STEP_SHARE * MIN_CONTRAST;
+pub(super) const MIN_STEP_LEVELS: f64 = MIN_STEP_FRACTION * MIN_CONTRAST;
 /// Minimum distance between a mark and a holder, px: a nearer mark gives no information about the panel.
 const MIN_HELD_DISTANCE_PX: f64 = POSITION_COUNT as f64;
 
@@ -41,7 +41,7 @@ pub(super) struct MarkPoint {
     pub border_direction: Vector3<f64>,
     /// Unit vector in the surface towards the brighter side.
     pub brighter_direction: Vector3<f64>,
-    /// The surface's normal.
+    /// Normal of the surface at the point.
     pub normal: Vector3<f64>,
     /// Length of border that this point represents, mm.
     pub length_mm: f64,
@@ -60,8 +60,12 @@ impl TaughtMarks {
     /// the errors, mm; the largest error of a mark is that of its depth in the taught scan.
     pub fn detect(panel: &TaughtPanel, (grid, surface): (&Grid, &Surface), alike_mm: f64) -> TaughtMarks {
         let (columns, rows) = (panel.scan.width() / CELL_PX, panel.scan.height() / CELL_PX);
-        let search =
-            MarkSearch { panel, grid, surface, panel_from_camera: RigidF32::from_rigid(&panel.panel_from_camera) };
+        let search = MarkSearch {
+            panel,
+            grid,
+            surface,
+            panel_from_camera: MatrixTransform::from_rigid(&panel.panel_from_camera),
+        };
         let points: Vec<MarkPoint> = (0..columns * rows)
             .into_par_iter()
             .with_min_len(512)
@@ -78,7 +82,7 @@ struct MarkSearch<'a> {
     panel: &'a TaughtPanel,
     grid: &'a Grid,
     surface: &'a Surface,
-    panel_from_camera: RigidF32,
+    panel_from_camera: MatrixTransform,
 }
 
 impl MarkSearch<'_> {
@@ -160,7 +164,7 @@ const MIN_DIRECTION_COSINE: f64 = 0.7;
 
 /// The steepest change of brightness in a cell.
 #[derive(Debug, Clone, Copy)]
-struct Steepest {
+struct SteepestChange {
     /// Column and row of the steepest change, px.
     pub position: [usize; 2],
     /// Change of brightness at this position over twice [`COMPARISON_DISTANCE_PX`], grey levels.
@@ -175,14 +179,14 @@ fn steepest_change<F: Frame>(
     scan: &OrganizedCloud<F>,
     [left, top]: [usize; 2],
     side_px: usize,
-) -> Option<Steepest> {
+) -> Option<SteepestChange> {
     let is_within = |from: usize, length: usize| {
         from >= COMPARISON_DISTANCE_PX && from + side_px + COMPARISON_DISTANCE_PX <= length
     };
     if !(is_within(left, scan.width()) && is_within(top, scan.height())) {
         return None;
     }
-    let mut steepest: Option<Steepest> = None;
+    let mut steepest: Option<SteepestChange> = None;
     for row in (top..top + side_px).step_by(STEP_PX) {
         for column in (left..left + side_px).step_by(STEP_PX) {
             let across = pixel_gray(scan, column + COMPARISON_DISTANCE_PX, row)
@@ -191,7 +195,7 @@ fn steepest_change<F: Frame>(
                 - pixel_gray(scan, column, row - COMPARISON_DISTANCE_PX);
             let levels = across.hypot(down);
             if levels > steepest.map_or(0.0, |steepest| steepest.levels) {
-                steepest = Some(Steepest {
+                steepest = Some(SteepestChange {
                     position: [column, row],
                     levels,
                     brighter_direction: Vector2::new(across, down) / levels,

@@ -39,7 +39,7 @@ const MIN_WEIGHT: f64 = 0.2;
 /// smaller one, an error of a pixel would cause an error of degrees.
 const MIN_CORNER_SPREAD_MM: f64 = 25.0;
 
-/// One corner picture.
+/// A corner that was found in one picture of the flange camera.
 #[derive(Debug, Clone, Copy)]
 pub struct CornerView<'a> {
     /// Index of the corner among the taught corners, from 0.
@@ -182,7 +182,7 @@ fn common_motion(seen: &[CornerObservation]) -> Rigid<Base, Base> {
     ))
 }
 
-/// The result of one corner.
+/// The measured deviation of one corner.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CornerReport {
     /// Index of the corner among the taught corners, from 0.
@@ -207,7 +207,7 @@ impl CornerReport {
 /// A corrected pose and the corners on which it is based.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RefinedPose {
-    /// The panel's pose.
+    /// The corrected pose of the panel in the base frame.
     pub base_from_panel: Rigid<Base, Panel>,
     /// Correction along X and Y of the first camera, mm.
     pub shift_mm: [f64; 2],

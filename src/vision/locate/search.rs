@@ -15,7 +15,7 @@
 //! shifts, the picture is approximated by an affine map of the panel's plane about each mark.
 
 use super::edges::outward_px;
-use super::grid::{ColoredCloud, DepthReading, Grid, RigidF32, camera_point, spread_indices};
+use super::grid::{ColoredCloud, DepthReading, Grid, MatrixTransform, camera_point, spread_indices};
 use super::model::Model;
 use super::pieces::{Border, MAX_BORDER_DISTANCE_BLOCKS, Piece, grid_position_in, points};
 use super::print_features::{MIN_STEP_LEVELS, MarkSteps};
@@ -28,29 +28,29 @@ use rayon::prelude::*;
 const ROTATION_COUNT: usize = 36;
 /// Number of rotations about the normal if marks are used.
 const MARK_ROTATION_COUNT: usize = 72;
-/// Number of shifts to each side along both axes; `SHIFT_STEP_SHARE` is the step between two shifts, as a fraction of
-/// the panel's reach.
+/// Number of shifts to each side along both axes; `RELATIVE_SHIFT_STEP` is the step between two shifts, as a fraction
+/// of the panel's reach.
 const SHIFTS_TO_EACH_SIDE: i32 = 2;
-const SHIFT_STEP_SHARE: f64 = 0.13;
-/// Number of surface points for the first evaluation of a start (`COARSE_POINTS`), for moving it (`MOVE_POINTS`), and
-/// for its score (`SCORE_POINTS`).
-const COARSE_POINTS: usize = 110;
-const MOVE_POINTS: usize = 360;
-const SCORE_POINTS: usize = 900;
-/// Number of points of the outline, or of the marks, for moving a start. `SCORE_OUTLINE_POINTS` is the number of
+const RELATIVE_SHIFT_STEP: f64 = 0.13;
+/// Number of surface points for the first evaluation of a start (`COARSE_POINT_COUNT`), for moving it
+/// (`MOVE_POINT_COUNT`), and for its score (`SCORE_POINT_COUNT`).
+const COARSE_POINT_COUNT: usize = 110;
+const MOVE_POINT_COUNT: usize = 360;
+const SCORE_POINT_COUNT: usize = 900;
+/// Number of points of the outline, or of the marks, for moving a start. `SCORE_OUTLINE_POINT_COUNT` is the number of
 /// outline points for its score.
-const MOVE_LINE_POINTS: usize = 160;
-const SCORE_OUTLINE_POINTS: usize = 300;
+const MOVE_LINE_POINT_COUNT: usize = 160;
+const SCORE_OUTLINE_POINT_COUNT: usize = 300;
 /// Maximum distance between the surfaces in the first evaluation, as a fraction of the panel's reach; wide, because the
 /// normal of the piece is not precise.
-const MAX_COARSE_DISTANCE_SHARE: f64 = 0.09;
+const MAX_RELATIVE_COARSE_DISTANCE: f64 = 0.09;
 /// Number of iterations in which a start is moved; in each iteration the cutoff of the residuals is multiplied by
 /// `CUTOFF_FACTOR`.
-const ROUNDS: usize = 14;
+const START_MOVE_ITERATIONS: usize = 14;
 const CUTOFF_FACTOR: f64 = 0.82;
 /// First iteration for starts from marks, which are already near the result. The following constants are the cutoffs in
 /// the first iteration and their lower limits, for the surface (mm) and for the lines (blocks).
-const FIRST_MARK_ROUND: usize = 6;
+const FIRST_MARK_ITERATION: usize = 6;
 const FIRST_CUTOFF_MM: f64 = 20.0;
 const MIN_CUTOFF_MM: f64 = 2.0;
 const FIRST_CUTOFF_BLOCKS: f64 = 30.0;
@@ -60,7 +60,7 @@ const MAX_SURFACE_DISTANCE_MM: f64 = 1.5;
 /// Distance inside of the outline at which missing points are searched, mm.
 const OUTLINE_INSET_MM: f64 = 3.0;
 /// Minimum distance between two different hypotheses, as a fraction of the panel's reach.
-const MIN_HYPOTHESIS_DISTANCE_SHARE: f64 = 0.06;
+const MIN_RELATIVE_HYPOTHESIS_DISTANCE: f64 = 0.06;
 /// Maximum difference between the score of a hypothesis and the best score; with a larger difference the hypothesis is
 /// dropped. The score is at most 3, or 4 with marks.
 const MAX_SCORE_LOSS: f64 = 1.2;
@@ -68,10 +68,10 @@ const MAX_SCORE_LOSS: f64 = 1.2;
 /// that pieces and borders contain less information.
 const MAX_HYPOTHESES: usize = 5;
 const MAX_PATCH_HYPOTHESES: usize = 20;
-/// Minimum area of a piece that is a start by itself, as a fraction of the panel's area. `MIN_PART_AREA_SHARE` is the
-/// minimum area of a piece that is joined with others to a start.
-const MIN_PIECE_AREA_SHARE: f64 = 0.3;
-const MIN_PART_AREA_SHARE: f64 = 0.05;
+/// Minimum area of a piece that is a start by itself, as a fraction of the panel's area. `MIN_PART_AREA_FRACTION` is
+/// the minimum area of a piece that is joined with others to a start.
+const MIN_PIECE_AREA_FRACTION: f64 = 0.3;
+const MIN_PART_AREA_FRACTION: f64 = 0.05;
 /// Maximum area of a piece relative to the panel's area; a larger piece is another object.
 const MAX_PIECE_AREA_RATIO: f64 = 3.5;
 
@@ -107,7 +107,7 @@ pub(super) fn fitted_hypotheses(model: &Model) -> usize {
 pub(super) fn candidates(model: &Model, grid: &Grid, pieces: &[Piece]) -> Vec<Piece> {
     let parts: Vec<&Piece> = pieces
         .iter()
-        .filter(|piece| (MIN_PART_AREA_SHARE..MAX_PIECE_AREA_RATIO).contains(&(piece.area_mm2 / model.area_mm2)))
+        .filter(|piece| (MIN_PART_AREA_FRACTION..MAX_PIECE_AREA_RATIO).contains(&(piece.area_mm2 / model.area_mm2)))
         .collect();
     let reach_mm = reach_mm(model);
     let mut joined = Vec::new();
@@ -122,8 +122,9 @@ pub(super) fn candidates(model: &Model, grid: &Grid, pieces: &[Piece]) -> Vec<Pi
     }
     // Only the three largest are used: a search box contains the panel and a few objects, and each start costs a whole
     // search.
-    let large =
-        |piece: &Piece| (MIN_PIECE_AREA_SHARE..MAX_PIECE_AREA_RATIO).contains(&(piece.area_mm2 / model.area_mm2));
+    let large = |piece: &Piece| {
+        (MIN_PIECE_AREA_FRACTION..MAX_PIECE_AREA_RATIO).contains(&(piece.area_mm2 / model.area_mm2))
+    };
     let mut found: Vec<Piece> = pieces.iter().filter(|piece| large(piece)).take(3).cloned().collect();
     found.extend(joined);
     found
@@ -147,7 +148,7 @@ pub(super) fn search(model: &Model, (grid, scan): (&Grid, &ColoredCloud), pieces
         };
         let begun = |turn: usize| best_shift(model, grid, piece, turn as f64 / ROTATION_COUNT as f64, reach_mm);
         let ended = |start: Rigid<Camera, Panel>, by: StartConstraint<'_>| {
-            let camera_from_panel = move_onto(start, model, grid, by)?;
+            let camera_from_panel = move_start_onto_scan(start, model, grid, by)?;
             Some(PoseHypothesis { camera_from_panel, score: score(&camera_from_panel, model, grid, piece, &lines) })
         };
         let by_border = (0..ROTATION_COUNT)
@@ -171,7 +172,7 @@ pub(super) fn search(model: &Model, (grid, scan): (&Grid, &ColoredCloud), pieces
         let best = distinct.first().map_or(hypothesis.score, |best| best.score);
         let far = |other: &PoseHypothesis| {
             model.largest_distance_mm(&other.camera_from_panel, &hypothesis.camera_from_panel)
-                > MIN_HYPOTHESIS_DISTANCE_SHARE * reach_mm
+                > MIN_RELATIVE_HYPOTHESIS_DISTANCE * reach_mm
         };
         // The margin is wide: the score is coarse, and the other possible pose of a symmetric panel must be kept for
         // the full fit.
@@ -191,10 +192,10 @@ fn best_shift(model: &Model, grid: &Grid, piece: &Piece, turn: f64, reach_mm: f6
     let rotation = align_normal(model, piece, turn);
     let right = rotation * perpendicular_direction(&model.normal);
     let up = piece.normal.cross(&right);
-    let chosen = spread_indices(model.points.len(), COARSE_POINTS);
+    let chosen = spread_indices(model.points.len(), COARSE_POINT_COUNT);
     let turned: Vec<Vector3<f64>> = chosen.iter().map(|&i| rotation * (model.points[i] - model.centre)).collect();
-    let near_mm = MAX_COARSE_DISTANCE_SHARE * reach_mm;
-    let step_mm = SHIFT_STEP_SHARE * reach_mm;
+    let near_mm = MAX_RELATIVE_COARSE_DISTANCE * reach_mm;
+    let step_mm = RELATIVE_SHIFT_STEP * reach_mm;
     let look = |shift: Vector3<f64>| -> f64 {
         let value = |offset: &Vector3<f64>| {
             let point = piece.centre + shift + offset;
@@ -244,24 +245,24 @@ fn perpendicular_direction(direction: &Vector3<f64>) -> Vector3<f64> {
 }
 
 /// Moves a start onto the scan by surface and lines, in a fixed number of iterations, regardless of the residuals.
-fn move_onto(
+fn move_start_onto_scan(
     start: Rigid<Camera, Panel>,
     model: &Model,
     grid: &Grid,
     by: StartConstraint<'_>,
 ) -> Option<Rigid<Camera, Panel>> {
-    let on_surface = spread_indices(model.points.len(), MOVE_POINTS);
+    let on_surface = spread_indices(model.points.len(), MOVE_POINT_COUNT);
     let (count, first_round) = match by {
         StartConstraint::Border(_) => (model.outline.len(), 0),
-        StartConstraint::Marks(_) => (model.marks.points.len(), FIRST_MARK_ROUND),
+        StartConstraint::Marks(_) => (model.marks.points.len(), FIRST_MARK_ITERATION),
     };
-    let on_lines = spread_indices(count, MOVE_LINE_POINTS);
+    let on_lines = spread_indices(count, MOVE_LINE_POINT_COUNT);
     let mut placed = start;
-    for round in first_round..ROUNDS {
+    for round in first_round..START_MOVE_ITERATIONS {
         // The cutoff is wide in the first iterations, so that distant points attract the start; it is narrow in the
         // last iterations, so that other objects lose their influence.
         let shrunk = CUTOFF_FACTOR.powi(round as i32);
-        let motion = RigidF32::from_rigid(&placed);
+        let motion = MatrixTransform::from_rigid(&placed);
         let centre = motion.point(&model.centre);
         let surface = surface_residuals(&motion, model, grid, &on_surface);
         let line_at = |&k: &usize| match by {
@@ -281,13 +282,18 @@ fn move_onto(
 }
 
 /// Returns the residuals of taught surface points at a pose.
-fn surface_residuals(motion: &RigidF32, model: &Model, grid: &Grid, chosen: &[usize]) -> Vec<Constraint> {
+fn surface_residuals(motion: &MatrixTransform, model: &Model, grid: &Grid, chosen: &[usize]) -> Vec<Constraint> {
     chosen.iter().filter_map(|&sample| surface_residual(motion, model, grid, sample)).collect()
 }
 
 /// Computes the residual (1) of `grid` at one taught point; `None` if the scan shows no smooth surface there, or the
 /// point faces away.
-pub(super) fn surface_residual(motion: &RigidF32, model: &Model, grid: &Grid, sample: usize) -> Option<Constraint> {
+pub(super) fn surface_residual(
+    motion: &MatrixTransform,
+    model: &Model,
+    grid: &Grid,
+    sample: usize,
+) -> Option<Constraint> {
     let point = motion.point(&model.points[sample]);
     let normal = motion.turn * model.normals[sample];
     if normal.dot(&point) >= 0.0 {
@@ -301,7 +307,7 @@ pub(super) fn surface_residual(motion: &RigidF32, model: &Model, grid: &Grid, sa
 
 /// Returns the constraint of an outline point: its distance outside of the nearest true border, blocks.
 fn outside_distance(
-    motion: &RigidF32,
+    motion: &MatrixTransform,
     model: &Model,
     grid: &Grid,
     border: &Border,
@@ -325,7 +331,7 @@ fn outside_distance(
 
 /// Returns whether points are missing just inside of the outline, so that the scan does not show whether the panel ends
 /// here.
-fn is_unknown_inside(motion: &RigidF32, model: &Model, grid: &Grid, k: usize) -> bool {
+fn is_unknown_inside(motion: &MatrixTransform, model: &Model, grid: &Grid, k: usize) -> bool {
     let sample = &model.outline[k];
     let inside = motion.point(&(sample.point - sample.outward_direction * OUTLINE_INSET_MM));
     grid.camera
@@ -341,8 +347,8 @@ fn score(
     piece: &Piece,
     lines: &ConstraintLines<'_>,
 ) -> f64 {
-    let motion = RigidF32::from_rigid(placed);
-    let chosen = spread_indices(model.points.len(), SCORE_POINTS);
+    let motion = MatrixTransform::from_rigid(placed);
+    let chosen = spread_indices(model.points.len(), SCORE_POINT_COUNT);
     let of_point = |&i: &usize| match observe_point(&motion, model, grid, i) {
         PointObservation::On(_) => 1.0,
         // This is twice the weight of a matching point: a panel that is present cannot be seen through, while many
@@ -351,7 +357,7 @@ fn score(
         PointObservation::Near | PointObservation::Hidden | PointObservation::Unknown => 0.0,
     };
     let surface = chosen.iter().map(of_point).sum::<f64>() / chosen.len() as f64;
-    let edges = spread_indices(model.outline.len(), SCORE_OUTLINE_POINTS);
+    let edges = spread_indices(model.outline.len(), SCORE_OUTLINE_POINT_COUNT);
     let of_edge = |&k: &usize| {
         outside_distance(&motion, model, grid, &lines.border, k).map_or(0.0, |at| {
             if at.residual.abs() <= MAX_BORDER_DISTANCE_BLOCKS {
@@ -388,7 +394,12 @@ pub(super) enum PointObservation {
 }
 
 /// Returns the observation of one taught point in the scan.
-pub(super) fn observe_point(motion: &RigidF32, model: &Model, grid: &Grid, sample: usize) -> PointObservation {
+pub(super) fn observe_point(
+    motion: &MatrixTransform,
+    model: &Model,
+    grid: &Grid,
+    sample: usize,
+) -> PointObservation {
     let point = motion.point(&model.points[sample]);
     let normal = motion.turn * model.normals[sample];
     if normal.dot(&point) >= 0.0 {
@@ -411,9 +422,15 @@ pub(super) fn observe_point(motion: &RigidF32, model: &Model, grid: &Grid, sampl
 }
 
 /// Returns the fraction of a piece's points that the taught panel covers at a pose.
-pub(super) fn covered_share(motion: &RigidF32, model: &Model, grid: &Grid, piece: &Piece, wanted: usize) -> f64 {
+pub(super) fn covered_share(
+    motion: &MatrixTransform,
+    model: &Model,
+    grid: &Grid,
+    piece: &Piece,
+    wanted: usize,
+) -> f64 {
     let back = motion.inverse();
-    let taught = RigidF32::from_rigid(&model.camera_from_panel);
+    let taught = MatrixTransform::from_rigid(&model.camera_from_panel);
     let (mut asked, mut held) = (0usize, 0usize);
     for point in points(grid, piece, piece.blocks.len() / wanted) {
         asked += 1;
@@ -429,12 +446,12 @@ pub(super) fn covered_share(motion: &RigidF32, model: &Model, grid: &Grid, piece
     held as f64 / asked.max(1) as f64
 }
 
-/// Number of marks that are searched at each shift; `SCORE_MARKS` is the number for each score.
+/// Number of marks that are searched at each shift; `SCORE_MARK_COUNT` is the number for each score.
 const COARSE_MARK_COUNT: usize = 100;
-const SCORE_MARKS: usize = 300;
+const SCORE_MARK_COUNT: usize = 300;
 /// Maximum shift of the panel to each side, as a fraction of its reach. `MARK_SHIFT_STEP_BLOCKS` is the step between
 /// two shifts, blocks.
-const MAX_MARK_SHIFT_SHARE: f64 = 0.35;
+const MAX_RELATIVE_MARK_SHIFT: f64 = 0.35;
 const MARK_SHIFT_STEP_BLOCKS: f64 = 3.0;
 /// Maximum distance between a mark and a step of brightness, for the mark to be found at a shift, blocks.
 const MAX_MARK_DISTANCE_BLOCKS: f64 = 2.5;
@@ -443,7 +460,13 @@ const MAX_STARTS: usize = 8;
 
 /// Returns the constraint of a mark: its distance from the nearest step of brightness, towards its brighter side,
 /// blocks.
-fn mark_distance(motion: &RigidF32, model: &Model, grid: &Grid, steps: &MarkSteps, k: usize) -> Option<Constraint> {
+fn mark_distance(
+    motion: &MatrixTransform,
+    model: &Model,
+    grid: &Grid,
+    steps: &MarkSteps,
+    k: usize,
+) -> Option<Constraint> {
     let mark = &model.marks.points[k];
     let point = motion.point(&mark.point);
     if (motion.turn * mark.normal).dot(&point) >= 0.0 {
@@ -461,13 +484,13 @@ fn mark_distance(motion: &RigidF32, model: &Model, grid: &Grid, steps: &MarkStep
 }
 
 /// Returns the fraction of the marks that are on a step of brightness; 0 if marks are not used.
-fn marks_found(motion: &RigidF32, model: &Model, grid: &Grid, steps: Option<&MarkSteps>) -> f64 {
+fn marks_found(motion: &MatrixTransform, model: &Model, grid: &Grid, steps: Option<&MarkSteps>) -> f64 {
     let Some(steps) = steps else { return 0.0 };
     let is_on = |k: &usize| {
         mark_distance(motion, model, grid, steps, *k)
             .is_some_and(|mark| mark.residual.abs() <= MAX_BORDER_DISTANCE_BLOCKS)
     };
-    let chosen = spread_indices(model.marks.points.len(), SCORE_MARKS);
+    let chosen = spread_indices(model.marks.points.len(), SCORE_MARK_COUNT);
     chosen.iter().filter(|k| is_on(k)).count() as f64 / chosen.len().max(1) as f64
 }
 
@@ -527,7 +550,7 @@ fn best_mark_shift(
         spread_indices(model.marks.points.len(), COARSE_MARK_COUNT).into_iter().filter_map(shifted).collect();
     let (px_per_mm, _) = grid.camera.px_per_mm_at(piece.centre.z);
     let step_mm = MARK_SHIFT_STEP_BLOCKS * grid.factor as f64 / px_per_mm;
-    let max_steps = (MAX_MARK_SHIFT_SHARE * piece.reach_mm / step_mm) as i32;
+    let max_steps = (MAX_RELATIVE_MARK_SHIFT * piece.reach_mm / step_mm) as i32;
     let count_at = |across_mm: f64, up_mm: f64| {
         let is_found = |mark: &&ShiftedMark| {
             let place = mark.place + mark.right * across_mm + mark.up * up_mm;

@@ -26,7 +26,7 @@ pub(super) struct Constraint {
     pub point: Vector3<f64>,
     /// Gradient of the residual with respect to the position of the point, per mm.
     pub gradient: Vector3<f64>,
-    /// The residual.
+    /// The residual, mm or px.
     pub residual: f64,
     /// Index of the taught sample of the constraint.
     pub sample: usize,

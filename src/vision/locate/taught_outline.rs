@@ -10,7 +10,7 @@
 
 use super::edges;
 use super::edges::EdgeReading;
-use super::grid::{ColoredCloud, Grid, RigidF32};
+use super::grid::{ColoredCloud, Grid, MatrixTransform};
 use nalgebra::{Matrix3, Matrix6, Vector2, Vector3, Vector6};
 use panelprep_base::geometry::{Camera, Pixel, median, polygon};
 use panelprep_cell::panel::{OutlineFrom, TaughtPanel};
@@ -136,7 +136,7 @@ const MASK_INSET_PX: f64 = 1.0;
 /// pixels.
 const MIN_HELD_DISTANCE_PX: f64 = (CONTOUR_REACH_PX + 1) as f64;
 /// Number of points to each side that determine the direction of the outline.
-const DIRECTION_POINTS: usize = 3;
+const DIRECTION_POINT_COUNT: usize = 3;
 /// Minimum number of outline points that determine the pose of the panel.
 pub(super) const MIN_OUTLINE_POINTS: usize = 60;
 
@@ -170,7 +170,7 @@ pub struct OutlineEvidence {
     pub unseen: f64,
 }
 
-/// The taught outline.
+/// The outline of a taught panel, with its evidence.
 pub(super) struct TaughtOutline {
     pub points: Vec<OutlinePoint>,
     /// Median width of the steps of brightness at the outline, px.
@@ -215,7 +215,8 @@ impl TaughtOutline {
             (0..steps).map(|k| panel.is_held_near(contour[k * CONTOUR_STEP_PX], MIN_HELD_DISTANCE_PX)).collect();
         // Beside a held segment, the direction would be computed across this segment, so the points there are not used.
         let is_used = |k: usize| {
-            (k + steps - DIRECTION_POINTS..=k + steps + DIRECTION_POINTS).all(|near| !is_held[near % steps])
+            (k + steps - DIRECTION_POINT_COUNT..=k + steps + DIRECTION_POINT_COUNT)
+                .all(|near| !is_held[near % steps])
         };
         let found: Vec<Option<EdgePoint>> = (0..steps)
             .into_par_iter()
@@ -324,16 +325,16 @@ impl OutlineContext<'_> {
         let count = edges.len();
         let EdgePoint { point: here, normal, width_px } = edges[k];
         let mean = |from: usize| {
-            (from..from + DIRECTION_POINTS).map(|i| edges[i % count].point).sum::<Vector3<f64>>()
-                / DIRECTION_POINTS as f64
+            (from..from + DIRECTION_POINT_COUNT).map(|i| edges[i % count].point).sum::<Vector3<f64>>()
+                / DIRECTION_POINT_COUNT as f64
         };
-        let along = mean(k + 1) - mean(k + count - DIRECTION_POINTS);
+        let along = mean(k + 1) - mean(k + count - DIRECTION_POINT_COUNT);
         let (next, last) = (edges[(k + 1) % count].point, edges[(k + count - 1) % count].point);
         let apart_mm = ((next - here).norm() + (last - here).norm()) / 2.0;
         let along = (along - normal * normal.dot(&along)).try_normalize(1e-9)?;
         // In the camera frame, y also points down, so the side is the same.
         let outward = along.cross(&normal) * -self.side;
-        let panel_from_camera = RigidF32::from_rigid(&self.panel.panel_from_camera);
+        let panel_from_camera = MatrixTransform::from_rigid(&self.panel.panel_from_camera);
         let turned = |direction: Vector3<f64>| panel_from_camera.turn * direction;
         Some(OutlinePoint {
             point: panel_from_camera.point(&here),

@@ -9,7 +9,7 @@ const MAX_LISTED: usize = 12;
 /// A part of a drawing, as a message lists it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ListedPart {
-    /// Its name.
+    /// Name of the part.
     pub name: String,
     /// Side lengths of the bounding box, mm.
     pub size_mm: [f64; 3],
@@ -29,7 +29,7 @@ pub enum NominalError {
     /// The file and the caller state different units.
     #[error("the file states the unit {}, but --unit is {}; omit --unit, or correct the unit in the file's comment", stated.abbreviation(), given.abbreviation())]
     OtherUnit {
-        /// The file's unit.
+        /// The unit that the file states.
         stated: LengthUnit,
         /// The unit of the command line.
         given: LengthUnit,
@@ -46,7 +46,7 @@ pub enum NominalError {
         limit_mm: f64,
         /// Maximum absolute coordinate, mm.
         reach_mm: f64,
-        /// Its limit, mm.
+        /// Maximum absolute coordinate that is permitted, mm.
         reach_limit_mm: f64,
     },
     /// There are several parts, and none was selected.
@@ -62,7 +62,7 @@ pub enum NominalError {
         size(*size_mm), fixed_decimals(*weld_mm, 3)
     )]
     NothingLeft {
-        /// The distance, mm.
+        /// Distance within which vertices are joined, mm.
         weld_mm: f64,
         /// Side lengths of the bounding box, mm.
         size_mm: [f64; 3],
@@ -70,7 +70,7 @@ pub enum NominalError {
     /// No part has this name.
     #[error("the drawing has no part \"{name}\"; its parts are: {}", list(parts))]
     NoPart {
-        /// The name given.
+        /// The given name.
         name: String,
         /// All parts, the largest first.
         parts: Vec<ListedPart>,
@@ -95,7 +95,7 @@ pub enum NominalError {
     Gap {
         /// Width of the widest gap, mm.
         width_mm: f64,
-        /// The limit, mm.
+        /// Maximum width of a harmless gap, mm.
         limit_mm: f64,
         /// Position of the widest gap in the drawing frame, mm.
         at_mm: [f64; 3],
@@ -121,11 +121,11 @@ pub enum NominalError {
     OutsideSearchBox {
         /// Lower corner of the drawing's bounding box in the base frame, mm.
         min_mm: [f64; 3],
-        /// High corner.
+        /// Upper corner of the drawing's bounding box in the base frame, mm.
         max_mm: [f64; 3],
         /// Lower corner of the search box, mm.
         from_mm: [f64; 3],
-        /// High corner.
+        /// Upper corner of the search box, mm.
         to_mm: [f64; 3],
     },
     /// No ray meets the drawing.
@@ -136,15 +136,15 @@ pub enum NominalError {
     NotSeen {
         /// Lower corner of the drawing's bounding box in the base frame, mm.
         min_mm: [f64; 3],
-        /// High corner.
+        /// Upper corner of the drawing's bounding box in the base frame, mm.
         max_mm: [f64; 3],
     },
     /// The lens model has no ray for a pixel.
     #[error("the camera's lens calibration has no ray for the pixel ({u}, {v}); calibrate the lens again")]
     NoRay {
-        /// Column, px.
+        /// Column of the pixel.
         u: usize,
-        /// Row, px.
+        /// Row of the pixel.
         v: usize,
     },
 }

@@ -15,4 +15,4 @@ mod tests;
 
 pub use error::{ListedPart, NominalError};
 pub use part::{HARMLESS_GAP_MM, Part, PartEdges};
-pub use seen::{PartHit, PartRays, PartView, UnseenShares};
+pub use seen::{PartHit, PartRays, PartView, UnseenFractions};

@@ -32,7 +32,7 @@ pub struct Part {
     pub name: String,
     /// The vertices in the drawing frame, mm.
     pub vertices: Vec<Point3<f64>>,
-    /// Three vertices each.
+    /// The triangles, each as three vertex indices.
     pub triangles: Vec<[u32; 3]>,
 }
 

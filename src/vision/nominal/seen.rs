@@ -28,7 +28,7 @@ use std::ops::Range;
 const BOX_MARGIN_MM: f64 = 0.005;
 /// Maximum distance between a triangle and a ray that still meets it, relative to the size of the triangle: no ray
 /// passes between neighbouring triangles.
-const EDGE_TOLERANCE_SHARE: f64 = 1e-9;
+const RELATIVE_EDGE_TOLERANCE: f64 = 1e-9;
 /// Minimum distance of both ends of an edge from the plane of a triangle that the edge passes through, mm; with a
 /// smaller distance the edge only touches the triangle.
 const MIN_CROSSING_MM: f64 = 0.02;
@@ -48,7 +48,7 @@ pub struct PartHit {
     pub distance: f64,
     /// Cosine of the angle between ray and normal, 0…1.
     pub cos_incidence: f64,
-    /// The triangle's index.
+    /// Index of the triangle.
     pub triangle: u32,
 }
 
@@ -87,7 +87,7 @@ impl<C: Frame> PartRays<C> {
         &self.vertices
     }
 
-    /// The triangles.
+    /// Returns the triangles, each as three vertex indices.
     pub fn triangles(&self) -> &[[u32; 3]] {
         &self.triangles
     }
@@ -176,8 +176,9 @@ fn hit_distance(
     let to_c = direction.dot(&around) / scale;
     let distance = ac.dot(&around) / scale;
     // For a ray in the plane of the triangle the scale is zero: the comparisons are then false.
-    let is_inside =
-        to_b >= -EDGE_TOLERANCE_SHARE && to_c >= -EDGE_TOLERANCE_SHARE && to_b + to_c <= 1.0 + EDGE_TOLERANCE_SHARE;
+    let is_inside = to_b >= -RELATIVE_EDGE_TOLERANCE
+        && to_c >= -RELATIVE_EDGE_TOLERANCE
+        && to_b + to_c <= 1.0 + RELATIVE_EDGE_TOLERANCE;
     (is_inside && distance > 0.0 && distance.is_finite()).then(|| (distance, ab.cross(&ac)))
 }
 
@@ -196,11 +197,11 @@ const WINDOW_MARGIN_PX: usize = 16;
 /// camera measures it.
 const MIN_FACING_COSINE: f64 = 0.1;
 /// Minimum distance of the centre of a hidden triangle behind the surface that its ray meets, relative to its depth.
-const MIN_HIDDEN_SHARE: f64 = 1e-4;
+const MIN_RELATIVE_HIDDEN_DISTANCE: f64 = 1e-4;
 
 /// One pixel of a view.
 #[derive(Debug, Clone, Copy, Default)]
-struct PixelSeen {
+struct PixelCoverage {
     /// Depth, mm; 0 if the ray through the centre meets nothing.
     depth_mm: f64,
     cos_incidence: f32,
@@ -211,7 +212,7 @@ struct PixelSeen {
 /// A part as a camera sees it.
 pub struct PartView {
     size_px: [usize; 2],
-    pixels: Vec<PixelSeen>,
+    pixels: Vec<PixelCoverage>,
     directions: Vec<[f64; 2]>,
     columns: Range<usize>,
     rows: Range<usize>,
@@ -219,7 +220,7 @@ pub struct PartView {
 
 /// The parts of a surface that a camera does not see, as fractions of the surface that faces it, 0…1.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct UnseenShares {
+pub struct UnseenFractions {
     /// Fraction outside of the picture.
     pub outside: f64,
     /// Fraction behind another part of the surface.
@@ -264,15 +265,15 @@ impl PartView {
             .flat_map_iter(of_row)
             .map(|(u, v)| direction(u as f64, v as f64).ok_or(NominalError::NoRay { u, v }))
             .collect::<Result<_, _>>()?;
-        let whole = |hit: PartHit| PixelSeen {
+        let whole = |hit: PartHit| PixelCoverage {
             depth_mm: hit.distance,
             cos_incidence: hit.cos_incidence as f32,
             covered: 1.0,
         };
-        let middles: Vec<PixelSeen> = directions
+        let middles: Vec<PixelCoverage> = directions
             .par_iter()
             .with_min_len(1_024)
-            .map(|direction| rays.nearest(direction).map_or_else(PixelSeen::default, whole))
+            .map(|direction| rays.nearest(direction).map_or_else(PixelCoverage::default, whole))
             .collect();
         let is_at_border = |index: usize| {
             let (column, row) = (index % width, index / width);
@@ -288,9 +289,9 @@ impl PartView {
             let hit: Vec<PartHit> = lattice.flatten().filter_map(|direction| rays.nearest(&direction)).collect();
             let cos = hit.iter().map(|hit| hit.cos_incidence).sum::<f64>() / hit.len().max(1) as f64;
             let covered = hit.len() as f32 / (RAYS_PER_PIXEL_SIDE * RAYS_PER_PIXEL_SIDE) as f32;
-            PixelSeen { cos_incidence: cos as f32, covered, ..middles[index] }
+            PixelCoverage { cos_incidence: cos as f32, covered, ..middles[index] }
         };
-        let pixels: Vec<PixelSeen> = (0..middles.len())
+        let pixels: Vec<PixelCoverage> = (0..middles.len())
             .into_par_iter()
             .with_min_len(1_024)
             .map(|index| if is_at_border(index) { fine(index) } else { middles[index] })
@@ -327,7 +328,7 @@ impl PartView {
     }
 
     /// Returns each pixel that may show the part, by its index in the picture.
-    fn visible_pixels(&self) -> impl Iterator<Item = (usize, &PixelSeen, &[f64; 2])> + '_ {
+    fn visible_pixels(&self) -> impl Iterator<Item = (usize, &PixelCoverage, &[f64; 2])> + '_ {
         let (width, columns) = (self.size_px[0], self.columns.clone());
         let indices = self.rows.clone().flat_map(move |row| columns.clone().map(move |u| row * width + u));
         indices.zip(&self.pixels).zip(&self.directions).map(|((index, pixel), ray)| (index, pixel, ray))
@@ -405,10 +406,10 @@ fn window<C: Frame>(rays: &PartRays<C>, camera: &PinholeCamera) -> (Range<usize>
     (span(0, camera.width_px), span(1, camera.height_px))
 }
 
-impl UnseenShares {
+impl UnseenFractions {
     /// Computes which fractions of the surface facing a camera the camera does not see. Of a closed part, the outside
     /// can face a camera; of a sheet, both sides can.
-    pub fn find<C: Frame>(rays: &PartRays<C>, camera: &PinholeCamera, is_closed: bool) -> UnseenShares {
+    pub fn find<C: Frame>(rays: &PartRays<C>, camera: &PinholeCamera, is_closed: bool) -> UnseenFractions {
         let corners = |triangle: &[u32; 3]| triangle.map(|corner| rays.vertices()[corner as usize].mm.coords);
         // Six times the volume; its sign states in which direction the triangles list their vertices.
         let volume = |triangle: &[u32; 3]| {
@@ -431,13 +432,17 @@ impl UnseenShares {
                 return [area_mm2, area_mm2, 0.0];
             }
             let direction = middle.coords / middle.z;
-            let is_hidden =
-                rays.nearest(&direction).is_some_and(|hit| hit.distance < middle.z * (1.0 - MIN_HIDDEN_SHARE));
+            let is_hidden = rays
+                .nearest(&direction)
+                .is_some_and(|hit| hit.distance < middle.z * (1.0 - MIN_RELATIVE_HIDDEN_DISTANCE));
             [area_mm2, 0.0, if is_hidden { area_mm2 } else { 0.0 }]
         };
         let add = |a: [f64; 3], b: [f64; 3]| [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
         let [all, outside, hidden] =
             rays.triangles().par_iter().with_min_len(4_096).map(of_triangle).reduce(|| [0.0; 3], add);
-        UnseenShares { outside: outside / all.max(f64::MIN_POSITIVE), hidden: hidden / all.max(f64::MIN_POSITIVE) }
+        UnseenFractions {
+            outside: outside / all.max(f64::MIN_POSITIVE),
+            hidden: hidden / all.max(f64::MIN_POSITIVE),
+        }
     }
 }

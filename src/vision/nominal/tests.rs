@@ -138,18 +138,23 @@ fn a_surface_has_no_holes_and_hidden_parts_are_counted() {
     };
     let holes = (1..159).flat_map(|row| (1..199).map(move |column| (column, row))).filter(|&at| alone(at)).count();
     assert_eq!(holes, 0);
-    let none = UnseenShares::find(&PartRays::new(part(sheet(100, curved, |_, _| false)), &place), &CAMERA, false);
-    assert_eq!(none, UnseenShares { outside: 0.0, hidden: 0.0 });
+    let none =
+        UnseenFractions::find(&PartRays::new(part(sheet(100, curved, |_, _| false)), &place), &CAMERA, false);
+    assert_eq!(none, UnseenFractions { outside: 0.0, hidden: 0.0 });
     // The back of a box does not face the camera. If the box is treated as a sheet, the back also faces the camera and
     // is hidden by the front: half of the surface is hidden.
-    let boxed =
-        |is_closed| UnseenShares::find(&PartRays::new(part(block([100.0, 80.0, 1.0])), &place), &CAMERA, is_closed);
+    let boxed = |is_closed| {
+        UnseenFractions::find(&PartRays::new(part(block([100.0, 80.0, 1.0])), &place), &CAMERA, is_closed)
+    };
     assert!((boxed(false).hidden - 0.5).abs() < 0.03 && boxed(true).hidden == 0.0, "{:?}", boxed(true));
     let half_out: Rigid<Camera, Drawing> =
         Rigid::from_isometry_unchecked(Isometry3::translation(125.0, 0.0, 500.0));
-    let outside =
-        UnseenShares::find(&PartRays::new(part(sheet(100, |_, _| 0.0, |_, _| false)), &half_out), &CAMERA, false)
-            .outside;
+    let outside = UnseenFractions::find(
+        &PartRays::new(part(sheet(100, |_, _| 0.0, |_, _| false)), &half_out),
+        &CAMERA,
+        false,
+    )
+    .outside;
     assert!((outside - 0.5).abs() < 0.03, "{outside}");
 }
 
@@ -228,7 +233,7 @@ fn a_part_of_large_triangles_that_leaves_the_picture_reaches_its_rim() {
     assert!(!seen(moved(0.0), &place).reaches_rim());
     assert!(seen(moved(30.0), &place).reaches_rim());
     let rays = PartRays::new(part(moved(30.0)), &place);
-    assert_eq!(UnseenShares::find(&rays, &CAMERA, true).outside, 0.0, "the share alone does not show it");
+    assert_eq!(UnseenFractions::find(&rays, &CAMERA, true).outside, 0.0, "the share alone does not show it");
 }
 
 /// Expected values, calculated by hand: a plate of ±0.48 in the picture's plane, seen by a lens with k1 = −0.2. A

@@ -336,7 +336,7 @@ const NAMES_SINCE_CHECKS: [&str; 12] = [
     film::FILM_CHANGE,
     film::FIRST_SHARPNESS,
     film::WET_GRIDS,
-    film::FAINT_GRIDS,
+    film::LOW_CONTRAST_GRIDS,
     film::UNSEEN_GRIDS,
     film::MASKED_GRIDS,
     panelprep_toolpath::path::TOOL_ERROR,

@@ -35,7 +35,7 @@ use panelprep_base::geometry::{
 use rayon::prelude::*;
 
 /// Weights λ of the roughness that are tried.
-pub(super) const LAMBDAS: [f64; 7] = [0.01, 0.1, 1.0, 10.0, 100.0, 1e3, 1e4];
+pub(super) const ROUGHNESS_WEIGHTS: [f64; 7] = [0.01, 0.1, 1.0, 10.0, 100.0, 1e3, 1e4];
 const BOW_TERMS: usize = 3;
 /// Standard deviation of a calibration board from a plane over half of its diagonal, mm.
 const BOARD_BOW_STD_MM: f64 = 0.15;
@@ -171,7 +171,7 @@ fn smoothness_penalty(lambda: f64) -> DMatrix<f64> {
 /// Maximum ratio of the rms of predicted scales of left-out scans with a slope to that without; with a larger ratio the
 /// slope is not used.
 const MAX_RMS_RATIO: f64 = 0.8;
-/// Terms of (1).
+/// Number of terms of (1).
 const TERMS: usize = 4;
 
 /// The slope and the scatter of the scales of all scans.
@@ -185,14 +185,14 @@ pub(super) struct ScaleTilt {
 }
 
 /// The 95 % quantile of the standard normal distribution.
-const NORMAL_ONE_SIDED_95: f64 = 1.645;
+const NORMAL_QUANTILE_95: f64 = 1.645;
 
 impl ScaleTilt {
     /// Returns the standard deviation of the scales, percent, after this known variance, squared percent, is
     /// subtracted. Zero if the remainder may be due to chance.
     pub fn excess_std_percent(&self, known: f64) -> f64 {
         let left = self.residual_percent.powi(2);
-        let by_chance = known * (1.0 + NORMAL_ONE_SIDED_95 * (2.0 / self.degrees_of_freedom as f64).sqrt());
+        let by_chance = known * (1.0 + NORMAL_QUANTILE_95 * (2.0 / self.degrees_of_freedom as f64).sqrt());
         if left <= by_chance { 0.0 } else { (left - known).max(0.0).sqrt() }
     }
 }
@@ -250,7 +250,7 @@ const CORRELATION_LENGTHS_MM: [f64; 15] =
 /// Number of parts along each side of the board.
 const PARTS_PER_SIDE: usize = 4;
 /// Minimum number of blocks in a part, as a fraction of the usual number.
-const MIN_FILLED_SHARE: f64 = 0.5;
+const MIN_FILLED_FRACTION: f64 = 0.5;
 
 /// The estimated smooth error and its correlation length.
 pub(super) struct CorrelationLength {
@@ -330,7 +330,7 @@ impl BlockPartition {
         let usual = blocks.len() as f64 / (PARTS_PER_SIDE * PARTS_PER_SIDE) as f64;
         let members: Vec<Vec<usize>> = (0..PARTS_PER_SIDE * PARTS_PER_SIDE)
             .map(|index| (0..blocks.len()).filter(|&block| part(&blocks[block]) == index).collect::<Vec<_>>())
-            .filter(|members| members.len() as f64 >= MIN_FILLED_SHARE * usual)
+            .filter(|members| members.len() as f64 >= MIN_FILLED_FRACTION * usual)
             .collect();
         if members.len() < 6 {
             return None;
@@ -353,7 +353,7 @@ impl BlockPartition {
         Some(BlockPartition { planes, averaging: means, distances_2, observed })
     }
 
-    /// Returns both traces of (2).
+    /// Returns the expected values of (2) for σ = 1: of blocks, and of means over parts.
     fn expected(&self, length_mm: f64) -> [f64; 2] {
         let reach_2 = length_mm * length_mm / std::f64::consts::PI;
         let covariance = self.distances_2.map(|distance_2| (-distance_2 / reach_2).exp());

@@ -62,7 +62,7 @@ pub fn measure(views: &[PlaneView], over: FieldRectangle) -> Result<ScannerError
     let fits: Vec<ProjectedScan> =
         views.iter().map(|view| ProjectedScan::from_view(view, &over)).collect::<Option<_>>().ok_or_else(none)?;
     let plain = field::cross_validate(&fits, None).ok_or_else(none)?;
-    let best = field::LAMBDAS
+    let best = field::ROUGHNESS_WEIGHTS
         .iter()
         .filter_map(|&lambda| Some((lambda, field::cross_validate(&fits, Some(lambda))?)))
         .min_by(|a, b| a.1.rms_mm.total_cmp(&b.1.rms_mm));
@@ -83,7 +83,7 @@ pub fn measure(views: &[PlaneView], over: FieldRectangle) -> Result<ScannerError
     let field_most_mm = field.map_or(0.0, |field| field::max_amplitude_mm(&field, rays()));
     let scales: Vec<f64> = views.iter().map(|view| view.scale_percent(field.as_ref())).collect();
     let scale_percent = scales.iter().sum::<f64>() / scales.len() as f64;
-    let explained = views.iter().map(|view| view.scale_variance(spread.deviation_mm, spread.correlation_mm));
+    let explained = views.iter().map(|view| view.variance_of_scale(spread.deviation_mm, spread.correlation_mm));
     let scale_deviation_percent = tilt.excess_std_percent(explained.sum::<f64>() / views.len() as f64);
     let mut whites: Vec<f64> = views.iter().map(|view| view.white_mm).collect();
     let depths = views.iter().map(|view| view.depth_mm);
@@ -138,7 +138,7 @@ pub struct ScannerErrors {
     pub scale_percent: f64,
     /// Standard deviation of the scale from scan to scan, without the part that the smooth error explains, percent.
     pub scale_deviation_percent: f64,
-    /// The parts of the picture.
+    /// For each part of the picture, the number of scans and the residual.
     pub parts: PictureParts,
     /// Fraction of the picture in which at least two scans show the board.
     pub covered_share: f64,
@@ -155,7 +155,7 @@ pub const MIN_BOARD_POSITIONS: usize = 8;
 /// Maximum bow of a calibration board, mm.
 const MAX_BOW_MM: f64 = 0.5;
 /// Minimum fraction of the picture in which at least two scans show the board.
-const MIN_COVERED_SHARE: f64 = 0.6;
+const MIN_COVERED_FRACTION: f64 = 0.6;
 /// Minimum ratio of the largest to the smallest depth of a board.
 const MIN_DEPTH_RATIO: f64 = 1.15;
 /// Minimum rotation of the board in its plane, degrees: with less, the bow of the board cannot be distinguished from an
@@ -167,7 +167,7 @@ const SMOOTH_ERROR_LIMITS_MM: [f64; 2] = [0.3, 1.0];
 const MAX_SCALE_PERCENT: f64 = 0.3;
 /// Maximum correlation length that a board can show, as a fraction of its diagonal: the plane through the board absorbs
 /// longer ones.
-const MAX_SHOWN_LENGTH_SHARE: f64 = 0.8;
+const MAX_RELATIVE_CORRELATION_LENGTH: f64 = 0.8;
 
 /// Returns the checks of all judged values.
 pub fn checks(found: &ScannerErrors) -> Vec<Check> {
@@ -187,9 +187,10 @@ pub fn checks(found: &ScannerErrors) -> Vec<Check> {
     vec![
         smooth,
         Check::new("share of the picture in which two scans have the board", "%", 100.0 * found.covered_share)
-            .with_min(100.0 * MIN_COVERED_SHARE, LimitSource::Program)
+            .with_min(100.0 * MIN_COVERED_FRACTION, LimitSource::Program)
             .or_review("scanner_covered", || {
-                let [is, least] = distinguishable_texts(100.0 * found.covered_share, 100.0 * MIN_COVERED_SHARE, 0);
+                let [is, least] =
+                    distinguishable_texts(100.0 * found.covered_share, 100.0 * MIN_COVERED_FRACTION, 0);
                 format!(
                     "the board covers {is} % of the picture, at least {least} % are needed; hold the board in the \
                      corners of the picture, too"
@@ -210,8 +211,7 @@ pub fn checks(found: &ScannerErrors) -> Vec<Check> {
             .or_review("scanner_turned", || {
                 let [is, least] = distinguishable_texts(found.turned_deg, MIN_BOARD_ROTATION_DEG, 0);
                 format!(
-                    "the board was rotated by {is}° in its plane, at least {least}° are needed: otherwise its own \
-                     bow counts as an error of the camera; rotate the board by 90° in some scans"
+                    "the board was rotated by {is}° in its plane, at least {least}° are needed: otherwise the bow of the board is mistaken for an error of the camera; rotate the board by 90° in some scans"
                 )
             }),
         Check::new("the board's bow", "mm", found.bow_mm).with_max(MAX_BOW_MM, LimitSource::Program).or_review(
@@ -231,10 +231,13 @@ pub fn checks(found: &ScannerErrors) -> Vec<Check> {
                 )
             }),
         Check::new("length over which the smooth error is alike", "mm", found.correlation_mm)
-            .with_max(MAX_SHOWN_LENGTH_SHARE * found.board_mm, LimitSource::Program)
+            .with_max(MAX_RELATIVE_CORRELATION_LENGTH * found.board_mm, LimitSource::Program)
             .or_review("scanner_board_small", || {
-                let [is, most] =
-                    distinguishable_texts(found.correlation_mm, MAX_SHOWN_LENGTH_SHARE * found.board_mm, 0);
+                let [is, most] = distinguishable_texts(
+                    found.correlation_mm,
+                    MAX_RELATIVE_CORRELATION_LENGTH * found.board_mm,
+                    0,
+                );
                 format!(
                     "the smooth error is correlated over {is} mm, but boards of this size reveal at most {most} \
                      mm; use a larger board"

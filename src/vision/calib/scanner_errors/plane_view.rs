@@ -23,32 +23,32 @@ pub struct Block {
     pub direction: [f64; 2],
     /// Position of the block on the board, relative to the centre of the board, mm.
     pub position_mm: [f64; 2],
-    /// 1/z, 1/mm.
+    /// Robust mean of the inverse depth 1/z, 1/mm.
     pub per_depth: f64,
 }
 
 /// Number of blocks along each side of the board.
-const BLOCKS: usize = 16;
+const BLOCKS_PER_SIDE: usize = 16;
 /// Fraction of the outer squares that is treated as part of the board as well.
-const OUTER_SQUARE_SHARE: f64 = 0.8;
+const OUTER_SQUARE_FRACTION: f64 = 0.8;
 /// Maximum distance of a point from the board pose, relative to its depth; a point farther away belongs to another
 /// object.
-const MAX_DEPTH_DEVIATION_SHARE: f64 = 0.02;
+const MAX_RELATIVE_DEPTH_DEVIATION: f64 = 0.02;
 /// Maximum relative difference between the size of the squares that the 3D camera measures and the stated size. With a
 /// larger one, the board pose from the picture would not be at the measured points.
-const MAX_SQUARE_DIFFERENCE_SHARE: f64 = 0.01;
+const MAX_RELATIVE_SQUARE_DIFFERENCE: f64 = 0.01;
 /// Minimum number of points in a block, as a fraction of the usual number.
-const MIN_FILLED_SHARE: f64 = 0.3;
+const MIN_FILLED_FRACTION: f64 = 0.3;
 /// Minimum number of blocks with enough points.
 const MIN_BLOCKS: usize = 40;
 
 /// A scan that shows the board.
 pub struct BoardScan<'a> {
-    /// Its points.
+    /// The points of the scan.
     pub cloud: &'a OrganizedCloud<Camera>,
-    /// Its camera.
+    /// The lens model of the camera.
     pub camera: &'a PinholeCamera,
-    /// The board.
+    /// The calibration board.
     pub board: &'a Board,
     /// The corners of the board in the picture of the scan.
     pub corners: &'a Corners,
@@ -89,14 +89,14 @@ impl PlaneView {
         let seen = detect::measured(scan.cloud, scan.camera, scan.corners);
         let differs = |measured_mm: f64| (measured_mm / scan.board.square_mm() - 1.0).abs();
         if let Some(measured_mm) = seen.square_mm(scan.board)
-            && (differs(measured_mm).is_nan() || differs(measured_mm) > MAX_SQUARE_DIFFERENCE_SHARE)
+            && (differs(measured_mm).is_nan() || differs(measured_mm) > MAX_RELATIVE_SQUARE_DIFFERENCE)
         {
             return Err(CalibError::Points(format!(
                 "the 3D camera measures squares of {} mm, but --square-mm states {} mm, a difference of more than \
                  {} %: measure the board over many squares",
                 fixed_decimals(measured_mm, 2),
                 scan.board.square_mm(),
-                fixed_decimals(100.0 * MAX_SQUARE_DIFFERENCE_SHARE, 0)
+                fixed_decimals(100.0 * MAX_RELATIVE_SQUARE_DIFFERENCE, 0)
             )));
         }
         let samples = samples(scan, &pose.camera_from_board);
@@ -109,12 +109,12 @@ impl PlaneView {
         let found = fit_robust_plane(&samples).ok_or_else(few)?;
         let off_mm =
             |sample: &Sample| -(sample.per_depth - value_at(&found, sample.direction)) / sample.per_depth.powi(2);
-        let mut by_block: Vec<Vec<&Sample>> = (0..BLOCKS * BLOCKS).map(|_| Vec::new()).collect();
+        let mut by_block: Vec<Vec<&Sample>> = (0..BLOCKS_PER_SIDE * BLOCKS_PER_SIDE).map(|_| Vec::new()).collect();
         samples.iter().for_each(|sample| by_block[sample.block].push(sample));
         let mut counts: Vec<f64> =
             by_block.iter().filter(|all| !all.is_empty()).map(|all| all.len() as f64).collect();
         let usual = median_in_place(&mut counts).ok_or_else(few)?;
-        let filled = by_block.iter().filter(|all| all.len() as f64 >= MIN_FILLED_SHARE * usual && all.len() > 4);
+        let filled = by_block.iter().filter(|all| all.len() as f64 >= MIN_FILLED_FRACTION * usual && all.len() > 4);
         let (mut blocks, mut apart) = (Vec::new(), Vec::new());
         for all in filled {
             let mut off: Vec<f64> = all.iter().map(|sample| off_mm(sample)).collect();
@@ -195,13 +195,13 @@ impl PlaneView {
 
     /// Returns the variance of the scale of this scan that its smooth error and the errors of the corners explain,
     /// squared percent. All corners in one square of the side `correlation_mm` have the same depth error.
-    pub fn scale_variance(&self, deviation_mm: f64, correlation_mm: f64) -> f64 {
+    pub fn variance_of_scale(&self, deviation_mm: f64, correlation_mm: f64) -> f64 {
         let mut cells: BTreeMap<[i64; 2], f64> = BTreeMap::new();
         for (printed, _, part) in self.scale_depth_gradient() {
             *cells.entry(printed.map(|mm| (mm / correlation_mm).floor() as i64)).or_default() += part;
         }
         let by_depth = deviation_mm.powi(2) * cells.values().map(|part| part * part).sum::<f64>();
-        100.0_f64.powi(2) * (by_depth + self.scale_variance_from_corners().unwrap_or(0.0))
+        100.0_f64.powi(2) * (by_depth + self.variance_of_scale_from_corners().unwrap_or(0.0))
     }
 
     /// Returns the variance of the scale that independent errors of the corners cause. After an affine map from the
@@ -209,7 +209,7 @@ impl PlaneView {
     /// coordinate of this remainder divided by Σ |r|². The corners are not corrected, so a bend of the board is
     /// included here. The part that a correction does not remove differs from position to position, and would appear as
     /// a scale that differs from scan to scan.
-    fn scale_variance_from_corners(&self) -> Option<f64> {
+    fn variance_of_scale_from_corners(&self) -> Option<f64> {
         let (about, _) = self.centred_corners(None);
         let printed = DMatrix::from_fn(about.len(), 3, |row, column| match column {
             2 => 1.0,
@@ -236,19 +236,20 @@ fn samples(
 ) -> Vec<Sample> {
     let (board, middle) = (scan.board, scan.board.centre().mm);
     let board_from_camera = camera_from_board.inverse();
-    let outer_mm = OUTER_SQUARE_SHARE * board.square_mm();
+    let outer_mm = OUTER_SQUARE_FRACTION * board.square_mm();
     let least = [-outer_mm, -outer_mm];
     let span = [board.columns(), board.rows()].map(|count| (count - 1) as f64 * board.square_mm() + 2.0 * outer_mm);
     let sample = |point: Point<Camera>| {
         let on = (board_from_camera * point).mm;
         let share = [(on.x - least[0]) / span[0], (on.y - least[1]) / span[1]];
         let inside = share.iter().all(|share| (0.0..1.0).contains(share))
-            && on.z.abs() < MAX_DEPTH_DEVIATION_SHARE * point.mm.z;
+            && on.z.abs() < MAX_RELATIVE_DEPTH_DEVIATION * point.mm.z;
         inside.then(|| Sample {
             direction: [point.mm.x / point.mm.z, point.mm.y / point.mm.z],
             position_mm: [on.x - middle.x, on.y - middle.y],
             per_depth: 1.0 / point.mm.z,
-            block: (share[1] * BLOCKS as f64) as usize * BLOCKS + (share[0] * BLOCKS as f64) as usize,
+            block: (share[1] * BLOCKS_PER_SIDE as f64) as usize * BLOCKS_PER_SIDE
+                + (share[0] * BLOCKS_PER_SIDE as f64) as usize,
         })
     };
     scan.cloud.valid_points().filter_map(|(_, point)| sample(point)).collect()
@@ -315,7 +316,7 @@ const PARTS: [usize; 2] = [8, 6];
 /// Minimum number of scans in a part of the picture; fewer give no information on this part.
 pub const MIN_SCANS: usize = 2;
 
-/// One part.
+/// A part of the picture, with the scans that show the board there.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PicturePart {
     /// Direction of the centre of the part, (X/Z, Y/Z).
@@ -364,7 +365,7 @@ impl PictureParts {
         PictureParts { parts: parts.collect(), rectangle: over }
     }
 
-    /// Row by row.
+    /// Iterates over the parts, row by row.
     pub fn iter(&self) -> impl Iterator<Item = &PicturePart> {
         self.parts.iter()
     }

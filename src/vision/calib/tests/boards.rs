@@ -143,7 +143,7 @@ fn another_board_is_reported_and_a_part_is_not_accepted() {
 /// Calculated from synthetic corners of 14 pictures with 0.05 px of noise: the focal length is correct to 0.1 %, and a
 /// picture with shifted corners is excluded.
 #[test]
-fn the_true_lens_is_found_and_a_bad_picture_is_set_aside() {
+fn the_true_lens_is_found_and_a_bad_picture_is_excluded() {
     let board = Board::parse("9x6", 25.0).expect("a board");
     let cell = BoardCell::new(3, print_of(&board), NO_NOISE);
     let truth = cell.flange_camera();

@@ -152,7 +152,7 @@ fn a_wrong_lens_shifts_the_mount_as_predicted() {
     assert!(told.uncertainty_mm > stated_mm.hypot(moved_mm) && told.lens_uncertainty_mm() > 1.9 * moved_mm);
 }
 
-fn only_fault(found: &HandEye<ScannerMount>) -> (&str, &StationFault) {
+fn find_only_fault(found: &HandEye<ScannerMount>) -> (&str, &StationFault) {
     match found.suspects.as_slice() {
         [suspect] => (&suspect.name, &suspect.fault),
         others => panic!("one picture is wrong: {others:?}"),
@@ -167,7 +167,7 @@ fn a_mistyped_number_is_reported_with_the_correct_one() {
     let wrong = KukaPose { b_deg: right.b_deg + 3.0, ..right };
     stations[6].base_from_flange = wrong.to_rigid();
     let found = calibrated(&cell, &stations);
-    let (name, fault) = only_fault(&found);
+    let (name, fault) = find_only_fault(&found);
     assert_eq!(name, "07.png");
     assert!(
         matches!(fault, StationFault::Mistyped { key: "b_deg", observed_value: seen, .. } if (seen - right.b_deg).abs() < 0.05),
@@ -200,7 +200,7 @@ fn a_board_detected_upside_down_is_reported() {
     pixels.reverse();
     corners.iter_mut().zip(pixels).for_each(|(corner, pixel)| corner.1 = pixel);
     let found = calibrated(&cell, &stations);
-    assert_eq!(only_fault(&found), ("10.png", &StationFault::Flipped));
+    assert_eq!(find_only_fault(&found), ("10.png", &StationFault::Flipped));
 }
 
 #[test]

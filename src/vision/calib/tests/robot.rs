@@ -1,6 +1,6 @@
 //! Tests of the calibration of arms with known errors: the estimated errors are compared with the true values.
 
-use crate::calib::arm_errors::{ARM_NUMBERS, AxisFault, base_from_flange, prior_std};
+use crate::calib::arm_errors::{ARM_PARAMETER_COUNT, AxisFault, base_from_flange, prior_std};
 use crate::calib::gate;
 use crate::calib::robot::{
     ArmPose, ArmTouch, ArmView, Correction, Rig, RigKind, RobotData, RobotFound, TouchTarget, calibrate,
@@ -20,7 +20,7 @@ fn normal(random: &mut Pcg64) -> f64 {
 /// The data are 40 pictures of both cameras and touches of two spots.
 struct Simulated {
     data: RobotData,
-    errors: [f64; ARM_NUMBERS],
+    errors: [f64; ARM_PARAMETER_COUNT],
     tip: Vector3<f64>,
 }
 
@@ -31,7 +31,7 @@ const PICTURE_STD_RAD: f64 = 1e-4;
 fn simulated(seed: u64, count: usize) -> Simulated {
     let geometry = *Cell::check("f", "").unwrap_or_else(|problems| panic!("{problems}")).arm().geometry();
     let mut random = Pcg64::seed_from_u64(seed);
-    let errors: [f64; ARM_NUMBERS] = std::array::from_fn(|index| match index {
+    let errors: [f64; ARM_PARAMETER_COUNT] = std::array::from_fn(|index| match index {
         30 | 31 => random.random::<f64>() * prior_std()[index],
         _ => (random.random::<f64>() * 2.0 - 1.0) * prior_std()[index],
     });
@@ -82,7 +82,7 @@ fn simulated(seed: u64, count: usize) -> Simulated {
     ));
     let arm_pose = |joints: Joints| ArmPose {
         joints: Some(joints),
-        base_from_flange: base_from_flange(&geometry, &joints, &[0.0; ARM_NUMBERS]),
+        base_from_flange: base_from_flange(&geometry, &joints, &[0.0; ARM_PARAMETER_COUNT]),
     };
     let views = (0..count).map(|index| {
         let (rig, joints) = (index % 2, pose(&mut random));
@@ -122,7 +122,7 @@ fn simulated(seed: u64, count: usize) -> Simulated {
 /// Finds axis angles, near a start, at which the true tip is at a spot: Newton's method with the first three axes.
 fn solve_axis_angles(
     geometry: &panelprep_cell::cell::ArmGeometry,
-    errors: &[f64; ARM_NUMBERS],
+    errors: &[f64; ARM_PARAMETER_COUNT],
     tip: Vector3<f64>,
     spot: Vector3<f64>,
     start: Joints,
@@ -164,7 +164,7 @@ fn contact_errors_mm(simulated: &Simulated, found: &RobotFound, corrected: bool)
         let start = Joints { a1_deg: 0.0, a2_deg: -70.0, a3_deg: 95.0, a4_deg: 0.0, a5_deg: 60.0, a6_deg: 0.0 };
         let joints = solve_axis_angles(geometry, &simulated.errors, simulated.tip, spot, start, &mut random)
             .expect("in reach");
-        let nominal = base_from_flange(geometry, &joints, &[0.0; ARM_NUMBERS]);
+        let nominal = base_from_flange(geometry, &joints, &[0.0; ARM_PARAMETER_COUNT]);
         let pose = ArmPose { joints: Some(joints), base_from_flange: nominal };
         // The camera sees the true spot, and gives its position with the estimated mount.
         let seen = (found.rigs[0].mount * truth.inverse() * nalgebra::Point3::from(spot)).coords;
@@ -181,7 +181,7 @@ fn the_kinematics_agree_with_the_controller() {
     let arm = Cell::check("f", "").unwrap_or_else(|problems| panic!("{problems}")).arm().geometry().to_owned();
     // Expected pose of the KR 6 with axes 2 and 3 at −90° and 90°, calculated by hand: upper arm up, forearm ahead.
     let joints = Joints { a2_deg: -90.0, a3_deg: 90.0, ..Joints::default() };
-    let flange = base_from_flange(&arm, &joints, &[0.0; ARM_NUMBERS]).origin().mm;
+    let flange = base_from_flange(&arm, &joints, &[0.0; ARM_PARAMETER_COUNT]).origin().mm;
     assert!(
         (flange - nalgebra::Point3::new(25.0 + 365.0 + 90.0, 0.0, 400.0 + 335.0 + 25.0)).norm() < 1e-9,
         "{flange}"
@@ -260,7 +260,8 @@ fn exchanged_axes_and_wrong_signs_are_named() {
                 let wrong = fault.correct_angles(&view.pose.joints.expect("axes"));
                 view.pose.joints = Some(wrong);
                 if !with_poses {
-                    view.pose.base_from_flange = base_from_flange(&data.geometry, &wrong, &[0.0; ARM_NUMBERS]);
+                    view.pose.base_from_flange =
+                        base_from_flange(&data.geometry, &wrong, &[0.0; ARM_PARAMETER_COUNT]);
                 }
             }
             let error = calibrate(&data).expect_err("wrong axes").to_string();

@@ -25,7 +25,7 @@ fn rank(verdict: Verdict) -> usize {
 }
 
 /// Asserts that the verdicts of growing subsets never become worse; returns the number of accepted largest subsets.
-fn never_worse(what: &str, judged: &[(Verdict, String)]) -> usize {
+fn assert_never_worse(what: &str, judged: &[(Verdict, String)]) -> usize {
     for pair in judged.windows(2) {
         assert!(rank(pair[1].0) <= rank(pair[0].0), "{what}: {judged:?}");
     }
@@ -76,8 +76,8 @@ fn more_poses_never_make_a_mount_worse() {
             let moving = stations((&cell, &flange), &cell.flange_shots(SUBSET_SIZES[3]), &mut random);
             let of_fixed = mounts::<ScannerMount>((&scanner, &cell.base_from_camera()), &fixed);
             let of_moving = mounts::<FlangeCameraMount>((&flange, &cell.flange_from_camera()), &moving);
-            accepted += never_worse(&format!("seed {seed}, fixed camera"), &of_fixed);
-            accepted += never_worse(&format!("seed {seed}, flange camera"), &of_moving);
+            accepted += assert_never_worse(&format!("seed {seed}, fixed camera"), &of_fixed);
+            accepted += assert_never_worse(&format!("seed {seed}, flange camera"), &of_moving);
         }
     }
     assert!(accepted >= 15, "{accepted} of 16 mounts are accepted in the end");
@@ -99,7 +99,7 @@ fn more_pictures_never_make_a_lens_worse() {
             Err(error) => (Verdict::Reject, error.to_string()),
         };
         let judged = SUBSET_SIZES.map(judge);
-        accepted += never_worse(&format!("seed {seed}"), &judged);
+        accepted += assert_never_worse(&format!("seed {seed}"), &judged);
         words = judged.last().map(|last| last.1.clone());
     }
     assert!(accepted >= 4, "{accepted} of 6 lenses are accepted in the end: {words:?}");

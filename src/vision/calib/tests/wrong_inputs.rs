@@ -94,7 +94,7 @@ const CHANGES: [Change; 10] = [
 ];
 
 #[test]
-fn mistakes_in_the_notation_of_poses_are_named() {
+fn errors_in_the_notation_of_poses_are_named() {
     let cell = cell(11, GOOD_ROBOT);
     let (fixed, on_flange) = (fixed(&cell, 15), on_flange(&cell, 15));
     let (scanner, flange_camera) = (cell.scanner(), cell.flange_camera());

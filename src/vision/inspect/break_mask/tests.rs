@@ -100,14 +100,14 @@ fn disc(column: usize, row: usize) -> bool {
 
 /// Expected value, calculated by hand: a disc of 6 px radius has 113 px.
 #[test]
-fn an_even_disc_broke() {
+fn a_disc_of_uniform_brightness_is_a_break() {
     assert_eq!(Film::with(disc).broken_and_unsure(), (113, 0));
 }
 
 /// A bell-shaped brightness from 0.6 to 0.9 varies by more than 0.14 of the difference between bare surface and film,
 /// so the candidate is not classified as a break. A break cannot be excluded either, so its pixels are uncertain.
 #[test]
-fn a_bell_shaped_brightness_that_does_not_move_is_unsure() {
+fn a_static_bell_shaped_brightness_is_uncertain() {
     let mut film = Film::with(disc);
     for (i, bare) in film.bare.iter_mut().enumerate() {
         let away2 = (i % SIDE).abs_diff(20).pow(2) + (i / SIDE).abs_diff(20).pow(2);
@@ -119,7 +119,7 @@ fn a_bell_shaped_brightness_that_does_not_move_is_unsure() {
 /// Expected values, calculated by hand: in a line of 30 × 2 px every pixel touches the outside; in a disc of the same
 /// size 37 pixels would not.
 #[test]
-fn a_thin_line_is_unsure() {
+fn a_thin_line_is_uncertain() {
     assert_eq!(
         Film::with(|column, row| (5..35).contains(&column) && (20..22).contains(&row)).broken_and_unsure(),
         (0, 60)
@@ -128,7 +128,7 @@ fn a_thin_line_is_unsure() {
 
 /// If the film around the candidate appears bare, or reflections lie beside it, the result is uncertain.
 #[test]
-fn without_contrast_or_along_a_reflection_a_place_is_unsure() {
+fn a_candidate_without_contrast_or_along_a_reflection_is_uncertain() {
     assert_eq!(Film { has_contrast: false, ..Film::with(disc) }.broken_and_unsure(), (0, 113));
     let mut film = Film::with(disc);
     for i in 0..SIDE * SIDE {
@@ -140,7 +140,7 @@ fn without_contrast_or_along_a_reflection_a_place_is_unsure() {
 /// The candidate is as small as a glint. Its left part appears bare from 1 s to 1.4 s, and its right part from 2 s to
 /// 2.4 s: the bare appearance moved. If the whole candidate is open at one time, it broke and closed.
 #[test]
-fn a_glint_that_moves_on_is_no_break() {
+fn a_moving_glint_is_no_break() {
     let place = |column: usize, row: usize| (10..16).contains(&column) && (10..16).contains(&row);
     let mut film = Film::with(place);
     for i in (0..SIDE * SIDE).filter(|i| place(i % SIDE, i / SIDE)) {
@@ -186,7 +186,7 @@ fn places_of_one_trail_are_judged_together() {
 /// second this is no evidence of a motion. Expected value, calculated by hand: the first half may have closed as late
 /// as 5 − 0.5 + 2 = 6.5 s, when the other half was already open.
 #[test]
-fn a_break_between_two_pictures_did_not_move_on() {
+fn a_break_between_two_pictures_is_no_motion() {
     let place = |column: usize, row: usize| (10..14).contains(&column) && (10..14).contains(&row);
     let mut film = Film { longest_step_s: 1.0, ..Film::with(place) };
     for i in (0..SIDE * SIDE).filter(|i| place(i % SIDE, i / SIDE)) {
@@ -225,7 +225,7 @@ fn a_bead_belongs_to_its_break() {
 /// on the right, and 0.62/0.36 = 1.72 times the brightness of the film on the left. A break of the left film would have
 /// the same brightness, so the state of the candidate is unknown.
 #[test]
-fn a_place_that_looks_like_one_film_beside_it_and_like_a_break_of_the_other_is_unsure() {
+fn a_candidate_between_two_films_is_uncertain() {
     let beside = |left: f32| {
         let mut film = Film { is_sanded: true, bare: vec![0.62; SIDE * SIDE], ..Film::with(disc) };
         (0..SIDE * SIDE).for_each(|i| film.film[i] = if i % SIDE < 20 { left } else { 0.62 });

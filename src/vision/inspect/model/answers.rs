@@ -2,15 +2,15 @@
 
 use super::classify::{REFLECTION_TIME_S, TICKS_PER_SECOND};
 use super::kernel::{
-    BLOCK_PX, BROKE_FLAG, EVER_WET_FLAG, INSIDE_FLAG, LEVEL, LOOK_MASK, NO_DRY_FLAG, OPEN_FLAG, STEPPED_FLAG,
+    BLOCK_PX, BRIGHTNESS_MASK, BROKE_FLAG, EVER_WET_FLAG, INSIDE_FLAG, LEVEL, NO_DRY_FLAG, OPEN_FLAG, STEPPED_FLAG,
 };
-use super::{Model, Shimmer};
+use super::{Model, TemporalNoise};
 use panelprep_base::geometry::median;
 
 /// Maximum fraction of the observation time for which a pixel may show neither film nor a bare surface; with a larger
 /// fraction the pixel is treated as not seen. The same is true if the pixel showed neither for longer than
 /// [`REFLECTION_TIME_S`] at the end.
-const MAX_UNSEEN_SHARE: f64 = 0.5;
+const MAX_UNSEEN_FRACTION: f64 = 0.5;
 /// Minimum change of brightness by the film, as a multiple of the noise, for a break to be distinguishable from the
 /// film.
 pub const MIN_CONTRAST_TO_NOISE: f64 = 4.0;
@@ -72,19 +72,19 @@ impl Model {
     }
 
     /// Returns the brightness of the film at a pixel, grey levels.
-    pub fn film_look_levels(&self, index: usize) -> f64 {
+    pub fn film_brightness_levels(&self, index: usize) -> f64 {
         self.wet_levels(index)
     }
 
     /// Returns the temporal noise that was measured at the sample points without a dry reference; `None` if there are
     /// none.
-    pub fn measured_shimmer(&self) -> Option<&Shimmer> {
+    pub fn measured_temporal_noise(&self) -> Option<&TemporalNoise> {
         self.shimmer.as_ref()
     }
 
     /// Returns the variance of the sensor's noise at a sample point of the temporal noise, for a film of this
     /// brightness, levels²; `None` if the noise was not measured.
-    pub fn site_variance(&self, index: usize, look_levels: f64) -> Option<f64> {
+    pub fn sample_point_variance(&self, index: usize, look_levels: f64) -> Option<f64> {
         let (block, _) = self.block_position(index);
         let view = self.views.chosen[self.views.tile_of(block)];
         let [of_channel, of_mean] = self.lamp.sensor().map(|sensor| sensor.variance(look_levels));
@@ -137,7 +137,7 @@ impl Model {
             && state & (EVER_WET_FLAG | BROKE_FLAG) > 0
             && state & STEPPED_FLAG == 0
             && !self.ends_between_film_and_bare(index)
-            && unseen_s <= MAX_UNSEEN_SHARE * last_s
+            && unseen_s <= MAX_UNSEEN_FRACTION * last_s
             && (is_calm || last_s - seen_s <= REFLECTION_TIME_S)
     }
 
@@ -195,7 +195,7 @@ impl Model {
     pub fn levels(&self, index: usize) -> [f32; 2] {
         let (block, at) = self.block_position(index);
         let gain = self.light.tile_light(self.views.tile_of(block));
-        let now = f64::from(self.current[block][at] & LOOK_MASK) / f64::from(LEVEL) / gain;
+        let now = f64::from(self.current[block][at] & BRIGHTNESS_MASK) / f64::from(LEVEL) / gain;
         [self.bare_brightness_ratio(index) * self.reference_levels(index) as f32, now as f32]
     }
 

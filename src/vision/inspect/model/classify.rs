@@ -41,8 +41,8 @@
 #![allow(unsafe_code, reason = "multiversion's dispatch; nothing here is unsafe by itself")]
 
 use super::kernel::{
-    BLOCK_PX, BROKE_FLAG, BUSY_FLAG, Block, CELL_PX, EVER_WET_FLAG, INSIDE_FLAG, LEVEL, LOOK_MASK, MOVED_FLAG,
-    NEW_BREAK_FLAG, NO_DRY_FLAG, OPEN_FLAG, OVEREXPOSED_FLAG, STEPPED_FLAG, apply_gain, choose, mask,
+    BLOCK_PX, BRIGHTNESS_MASK, BROKE_FLAG, BUSY_FLAG, Block, CELL_PX, EVER_WET_FLAG, INSIDE_FLAG, LEVEL,
+    MOVED_FLAG, NEW_BREAK_FLAG, NO_DRY_FLAG, OPEN_FLAG, OVEREXPOSED_FLAG, STEPPED_FLAG, apply_gain, choose, mask,
     multiply_high,
 };
 use super::light::TileLight;
@@ -56,7 +56,7 @@ pub const REFLECTION_TIME_S: f64 = 3.0;
 /// Maximum distance of a bare brightness from the range between β d and d, as a multiple of σ.
 const BARE_TOLERANCE_SIGMA: u16 = 6;
 /// Maximum difference of two brightness values that are treated as equal, as a multiple of σ.
-const EQUALITY_SIGMA: u16 = 4;
+const EQUALITY_TOLERANCE_SIGMA: u16 = 4;
 /// Minimum distance from the range of bare brightness at which a pixel certainly shows water, as a multiple of σ.
 const WATER_SIGMA: u16 = 8;
 /// Divisor for the minimum change of a step: a step changes the brightness by more than the brightness divided by this
@@ -75,7 +75,7 @@ const ROUNDING_MARGIN: u16 = 3 * LEVEL / 2;
 #[derive(Debug, Clone, Copy)]
 pub struct BlockObservation<'a> {
     pub current: &'a Block,
-    /// The picture before.
+    /// The brightness in the previous picture.
     pub previous: &'a Block,
     pub dry: &'a Block,
     /// Ratio of the film's light to the light in which its brightness was learnt, 1/4096.
@@ -109,7 +109,7 @@ pub struct BlockHistory {
 }
 
 impl BlockHistory {
-    pub const NONE: BlockHistory = BlockHistory {
+    pub const EMPTY: BlockHistory = BlockHistory {
         bare_time: [0; BLOCK_PX],
         bare_since: [0; BLOCK_PX],
         closed_at: [0; BLOCK_PX],
@@ -125,16 +125,16 @@ impl BlockHistory {
 /// The parameters for the classification of pixels.
 #[derive(Debug, Clone, Copy)]
 pub struct ClassifyParameters {
-    /// β in 1/65536.
+    /// β, minimum brightness of a broken pixel as a fraction of its dry brightness, 1/65536.
     pub damp_q16: u16,
     /// a: limit of |s − w| for a pixel without a dry reference, as a fraction of its film brightness, 1/65536.
     pub away_q16: u16,
     /// Maximum brightness of a bare pixel without a dry reference, as a multiple of its film brightness, 1/4096, below
     /// 4. A brighter pixel shows a reflection on its film.
     pub bright_q12: u16,
-    /// σ, 1/64 level.
+    /// σ, the noise of the clip, 1/64 level.
     pub noise: u16,
-    /// H, ticks; at least one tick.
+    /// H, the maximum of the counter, ticks; at least one tick.
     pub persist: u16,
     /// Time since the previous picture, ticks.
     pub step: u16,
@@ -175,8 +175,8 @@ fn bounds(wet: u16, dry: u16, has_dry: u16, rule: &ClassifyParameters) -> BareBo
         choose(brighter, (least - least / 8).saturating_sub(ROUNDING_MARGIN), least),
     );
     let high_end = choose(brighter, dry + reach, dry + dry / 8 + ROUNDING_MARGIN);
-    let away = multiply_high(wet, rule.away_q16).max(EQUALITY_SIGMA * rule.noise);
-    let near = choose(has_dry, reach.max(EQUALITY_SIGMA * rule.noise), away);
+    let away = multiply_high(wet, rule.away_q16).max(EQUALITY_TOLERANCE_SIGMA * rule.noise);
+    let near = choose(has_dry, reach.max(EQUALITY_TOLERANCE_SIGMA * rule.noise), away);
     let half = [
         choose(darker, low.min(least.saturating_sub(gap / 2)), low),
         choose(brighter, high_end.max(dry + gap / 2), high_end),
@@ -188,13 +188,18 @@ fn bounds(wet: u16, dry: u16, has_dry: u16, rule: &ClassifyParameters) -> BareBo
 /// only if each of its pixels in the region is film and has the brightness of its film, in this and in the previous
 /// picture.
 #[multiversion(targets("x86_64+avx2+bmi1+bmi2+fma", "x86_64+sse4.1+ssse3"))]
-pub fn disturbed_blocks(first: usize, rows: BlockRow<'_>, rule: &ClassifyParameters, found: &mut Vec<usize>) {
+pub fn append_disturbed_blocks(
+    first: usize,
+    rows: BlockRow<'_>,
+    rule: &ClassifyParameters,
+    found: &mut Vec<usize>,
+) {
     for index in 0..rows.current.len() {
         let (look, dry, state) = (&rows.current[index], &rows.dry[index], &rows.state[index]);
         let (wet, gain_q12, light_q12) = (&rows.wet[index], &rows.gain_q12[index], &rows.light_q12[index]);
         let mut stirred = 0;
         for i in 0..BLOCK_PX {
-            let s = look[i] & LOOK_MASK;
+            let s = look[i] & BRIGHTNESS_MASK;
             let has_dry = mask(state[i] & NO_DRY_FLAG == 0);
             let wet = apply_gain(wet[i], gain_q12[i]);
             let BareBounds { bare, near, .. } = bounds(wet, apply_gain(dry[i], light_q12[i]), has_dry, rule);
@@ -257,13 +262,13 @@ pub fn judge(observed: BlockObservation<'_>, known: BlockState<'_>, rule: &Class
     let sure = WATER_SIGMA * rule.noise;
     let mut any = 0;
     for i in 0..BLOCK_PX {
-        let s = look[i] & LOOK_MASK;
+        let s = look[i] & BRIGHTNESS_MASK;
         let own = state[i];
         let has_dry = mask(own & NO_DRY_FLAG == 0);
         let visible = mask(look[i] & OVEREXPOSED_FLAG == 0);
         let (w, d) = (apply_gain(wet[i], gain_q12[i]), apply_gain(dry[i], light_q12[i]));
         let BareBounds { bare, half, near, gap } = bounds(w, d, has_dry, rule);
-        let change = s.abs_diff(apply_gain(before[i] & LOOK_MASK, rule.brighter_q12));
+        let change = s.abs_diff(apply_gain(before[i] & BRIGHTNESS_MASK, rule.brighter_q12));
         let steady = mask(change <= 4 * rule.noise + d / 32) & mask(before[i] & OVEREXPOSED_FLAG == 0);
         let is_near = mask(s.abs_diff(w) <= near);
         let is_bare = mask(s >= bare[0]) & mask(s <= bare[1]) & visible & has_dry; // (1)
@@ -300,7 +305,8 @@ pub fn judge(observed: BlockObservation<'_>, known: BlockState<'_>, rule: &Class
         let nearer = ((s.wrapping_sub(w) as i16) >> shift) as u16;
         let first = !ever_wet & looks_wet & has_dry & !is_near;
         let outside = multiply_high(d, rule.damp_q16).saturating_sub(s) | s.saturating_sub(d);
-        let is_sure = looks_wet & (is_near & mask(gap >= EQUALITY_SIGMA * rule.noise) | mask(outside >= sure));
+        let is_sure =
+            looks_wet & (is_near & mask(gap >= EQUALITY_TOLERANCE_SIGMA * rule.noise) | mask(outside >= sure));
         let wets = choose(has_dry, is_sure, looks_wet);
 
         // A step: the brightness changes from that of the film to another steady value that is not bare.
@@ -359,7 +365,7 @@ pub struct TileRow<'a> {
     /// Number of blocks in each row of the band.
     pub columns: usize,
     pub current: &'a [Block],
-    /// The picture before.
+    /// The brightness in the previous picture.
     pub previous: &'a [Block],
     pub dry: &'a [Block],
     pub state: &'a mut [Block],
@@ -390,7 +396,7 @@ impl TileRow<'_> {
                 gain_q12: &gains[lights.clone()],
                 light_q12: &bare[lights],
             };
-            disturbed_blocks(part.start, blocks, rule, &mut found);
+            append_disturbed_blocks(part.start, blocks, rule, &mut found);
         }
         let mut broke = Vec::new();
         for at in found {
@@ -411,10 +417,10 @@ impl TileRow<'_> {
     }
 }
 
-/// Maximum error in (3) that noise causes, grey levels; `MAX_COLOUR_ERROR_SHARE` adds a fraction of the brightest
+/// Maximum error in (3) that noise causes, grey levels; `MAX_RELATIVE_COLOUR_ERROR` adds a fraction of the brightest
 /// channel.
 const MAX_COLOUR_ERROR_LEVELS: f64 = 6.0;
-const MAX_COLOUR_ERROR_SHARE: f64 = 1.0 / 16.0;
+const MAX_RELATIVE_COLOUR_ERROR: f64 = 1.0 / 16.0;
 
 /// Returns whether (3) is met for the channels of a pixel now and in the dry picture.
 pub(super) fn has_dry_colour_ratio(now: [u8; 3], dry: [u8; 3], tint: [f64; 3]) -> bool {
@@ -423,7 +429,7 @@ pub(super) fn has_dry_colour_ratio(now: [u8; 3], dry: [u8; 3], tint: [f64; 3]) -
     let light = now.iter().sum::<f64>() / lit.iter().sum::<f64>().max(1.0);
     let off: [f64; 3] = std::array::from_fn(|i| now[i] - light * lit[i]);
     let [most, least] = [f64::max, f64::min].map(|of| off.into_iter().reduce(of).unwrap_or(0.0));
-    most - least <= MAX_COLOUR_ERROR_LEVELS + MAX_COLOUR_ERROR_SHARE * dry.into_iter().fold(0.0, f64::max)
+    most - least <= MAX_COLOUR_ERROR_LEVELS + MAX_RELATIVE_COLOUR_ERROR * dry.into_iter().fold(0.0, f64::max)
 }
 
 #[cfg(test)]

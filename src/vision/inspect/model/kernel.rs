@@ -14,9 +14,9 @@ use multiversion::multiversion;
 /// bit marks an overexposed channel.
 pub const LEVEL: u16 = 64;
 pub const OVEREXPOSED_FLAG: u16 = 0x8000;
-pub const LOOK_MASK: u16 = 0x3fff;
+pub const BRIGHTNESS_MASK: u16 = 0x3fff;
 /// Minimum value of a channel that may be overexposed, grey levels.
-const OVEREXPOSED_FROM: u8 = 250;
+const MIN_OVEREXPOSED_LEVEL: u8 = 250;
 
 /// Number of consecutive pixels of a row that are judged or skipped together; a row consists of whole blocks.
 pub const BLOCK_PX: usize = 32;
@@ -31,7 +31,7 @@ pub const INSIDE_FLAG: u16 = 0x0001;
 pub const OPEN_FLAG: u16 = 0x0002;
 /// State of a pixel: the pixel was seen wet at least once.
 pub const EVER_WET_FLAG: u16 = 0x0004;
-/// The place broke.
+/// State of a pixel: the film broke.
 pub const BROKE_FLAG: u16 = 0x0008;
 /// State of a pixel: the film broke in this picture.
 pub const NEW_BREAK_FLAG: u16 = 0x0010;
@@ -45,7 +45,7 @@ pub const MOVED_FLAG: u16 = 0x0080;
 /// State of a pixel: a change is in progress, so the pixel must be judged in the next picture.
 pub const BUSY_FLAG: u16 = 0x0100;
 
-/// Returns a b / 2¹⁶.
+/// Returns the product a b / 2¹⁶.
 #[inline(always)]
 pub fn multiply_high(a: u16, b: u16) -> u16 {
     ((u32::from(a) * u32::from(b)) >> 16) as u16
@@ -72,15 +72,16 @@ pub fn apply_gain(look: u16, gain_q12: u16) -> u16 {
 
 /// Calculates the brightness of each pixel as a weighted sum of its channels; the sum of `weights` is about [`LEVEL`].
 #[multiversion(targets("x86_64+avx2+bmi1+bmi2+fma", "x86_64+sse4.1+ssse3"))]
-pub fn weighted_looks(pixels: &[[u8; 3]], weights: [u16; 3], out: &mut [u16]) {
+pub fn weighted_brightness(pixels: &[[u8; 3]], weights: [u16; 3], out: &mut [u16]) {
     let count = out.len().min(pixels.len());
     let (out, bytes) = (&mut out[..count], &pixels.as_flattened()[..3 * count]);
     // A loop over bytes, because compilers vectorize it; in a loop over pixels they would load the triples one by one.
     for i in 0..count {
         let [r, g, b] = [bytes[3 * i], bytes[3 * i + 1], bytes[3 * i + 2]].map(u16::from);
-        let sum = (r * weights[0]).saturating_add(g * weights[1]).saturating_add(b * weights[2]).min(LOOK_MASK);
+        let sum =
+            (r * weights[0]).saturating_add(g * weights[1]).saturating_add(b * weights[2]).min(BRIGHTNESS_MASK);
         let brightest = r.max(g).max(b);
-        out[i] = sum | if brightest >= u16::from(OVEREXPOSED_FROM) { OVEREXPOSED_FLAG } else { 0 };
+        out[i] = sum | if brightest >= u16::from(MIN_OVEREXPOSED_LEVEL) { OVEREXPOSED_FLAG } else { 0 };
     }
 }
 
@@ -105,7 +106,7 @@ pub struct RowSelection {
 }
 
 /// Number of 14-bit brightness values that can be summed without exceeding 16 bits.
-const MAX_SUMMED_LOOKS: usize = 4;
+const MAX_SUMMED_VALUE_COUNT: usize = 4;
 
 /// Sums the present and the expected brightness of the film in a tile. The tile is one block wide, and its first row is
 /// at the beginning of the slices.
@@ -116,12 +117,12 @@ pub fn sum_tile(look: &[Block], wet: &[Block], state: &[Block], adding: RowSelec
     let mut sum = Sum::default();
     let step = stride * every;
     let rows = look.len().div_ceil(step);
-    for from in (0..rows).step_by(MAX_SUMMED_LOOKS) {
+    for from in (0..rows).step_by(MAX_SUMMED_VALUE_COUNT) {
         let (mut found, mut expected, mut pixels) = ([0; BLOCK_PX], [0; BLOCK_PX], [0; BLOCK_PX]);
-        for row in from..rows.min(from + MAX_SUMMED_LOOKS) {
+        for row in from..rows.min(from + MAX_SUMMED_VALUE_COUNT) {
             let (look, wet, state) = (&look[row * step], &wet[row * step], &state[row * step]);
             for i in 0..BLOCK_PX {
-                let (s, w) = (look[i] & LOOK_MASK, wet[i]);
+                let (s, w) = (look[i] & BRIGHTNESS_MASK, wet[i]);
                 let within =
                     mask(s >= multiply_high(w << 1, band_q15[0])) & mask(s <= multiply_high(w << 1, band_q15[1]));
                 let is_film = mask(state[i] & (INSIDE_FLAG | OPEN_FLAG | BROKE_FLAG | STEPPED_FLAG) == INSIDE_FLAG);
@@ -161,16 +162,16 @@ mod tests {
 
     /// Expected value, calculated by hand for the weights 16, 32, 16: (16·10 + 32·20 + 16·30)/64 = 20 levels.
     #[test]
-    fn a_look_is_a_weighted_mean() {
+    fn brightness_is_a_weighted_mean_of_the_channels() {
         let mut out = [0; 2];
-        weighted_looks(&[[10, 20, 30], [255, 0, 0]], [16, 32, 16], &mut out);
+        weighted_brightness(&[[10, 20, 30], [255, 0, 0]], [16, 32, 16], &mut out);
         assert_eq!(out, [20 * 64, (16 * 255) | OVEREXPOSED_FLAG]);
     }
 
     /// Expected values, calculated by hand: of 60, 100 and 30 levels, the second and the third are far from the
     /// expected 60 levels; a fourth pixel is open.
     #[test]
-    fn only_film_near_its_wet_look_determines_the_light() {
+    fn only_film_near_its_learnt_brightness_determines_the_light() {
         let (mut look, mut state) = ([0; BLOCK_PX], [INSIDE_FLAG; BLOCK_PX]);
         (look[0], look[1], look[2], look[3]) = (60 * 64, 100 * 64, 30 * 64, 60 * 64);
         state[3] |= OPEN_FLAG;

@@ -25,10 +25,10 @@ use panelprep_base::geometry::{ColorPicture, median};
 
 /// Width of the margin around the window, as a fraction of the window's size. The margin contains the rim of the panel
 /// and the sprayed area, so no sample point lies in it.
-const MARGIN_SHARE: f64 = 0.06;
+const RELATIVE_MARGIN_WIDTH: f64 = 0.06;
 /// Approximate maximum number of sample points.
-const MAX_EXAMINED_PLACES: usize = 1_500;
-const MIN_EXAMINED_PLACES: usize = 60;
+const MAX_SAMPLE_POINT_COUNT: usize = 1_500;
+const MIN_SAMPLE_POINT_COUNT: usize = 60;
 /// Range of grey levels of a usable sample point in the dry picture.
 const USABLE_DRY_LEVELS: std::ops::RangeInclusive<u8> = 16..=235;
 /// Range of the gains of a lamp while a panel is tested; below this range, the surroundings became wet.
@@ -39,7 +39,7 @@ const MIN_SATURATED_LEVEL: u8 = 250;
 /// light.
 const MAX_RATIO_DEVIATION: f64 = 0.08;
 /// Minimum fraction of the sample points around the panel that must agree on the light.
-const MIN_AGREEING_SHARE: f64 = 0.5;
+const MIN_AGREEING_FRACTION: f64 = 0.5;
 /// If the light changed by more than [`MAX_RATIO_DEVIATION`]: minimum fraction of the previously agreeing sample points
 /// that must still agree. With fewer, a shadow lies on most of the sample points.
 const MIN_KEPT_AGREEMENT: f64 = 0.9;
@@ -92,19 +92,19 @@ impl LampGain {
 
     /// Returns the gain of each channel, if enough sample points agree.
     pub fn agreed_gains(&self) -> Option<[f64; 3]> {
-        (self.agreeing_share >= MIN_AGREEING_SHARE).then_some(self.gains)
+        (self.agreeing_share >= MIN_AGREEING_FRACTION).then_some(self.gains)
     }
 }
 
 impl LampObserver {
     /// Selects the sample points on the surroundings of this window in a dry picture.
     pub fn observe_surroundings(window: &Window, dry: &ColorPicture) -> Self {
-        let margin = |length: usize| (MARGIN_SHARE * length as f64).ceil() as usize;
+        let margin = |length: usize| (RELATIVE_MARGIN_WIDTH * length as f64).ceil() as usize;
         let (across, down) = (margin(window.width), margin(window.height));
         let columns = window.left.saturating_sub(across)..window.left + window.width + across;
         let rows = window.top.saturating_sub(down)..window.top + window.height + down;
         let inside = window.width * window.height;
-        let step = (((dry.width * dry.height).saturating_sub(inside) as f64 / MAX_EXAMINED_PLACES as f64).sqrt()
+        let step = (((dry.width * dry.height).saturating_sub(inside) as f64 / MAX_SAMPLE_POINT_COUNT as f64).sqrt()
             as usize)
             .max(1);
         let mut places = Vec::new();
@@ -134,7 +134,7 @@ impl LampObserver {
 
     /// Measures the light of the next picture.
     pub fn measure(&mut self, picture: &ColorPicture) -> LampGain {
-        if self.reference_places.len() < MIN_EXAMINED_PLACES {
+        if self.reference_places.len() < MIN_SAMPLE_POINT_COUNT {
             return LampGain::UNKNOWN;
         }
         let ratio = |now: u8, dry: f64| (f64::from(now) + 0.01) / dry;
@@ -143,7 +143,7 @@ impl LampObserver {
             self.reference_places.iter().partition(|(index, _)| is_saturated(*index));
         // A saturated sample point gives only a lower bound. If most sample points are saturated, the bound may still
         // prove that the light is too strong for compensation.
-        if usable.len() < MIN_EXAMINED_PLACES.max(saturated.len()) {
+        if usable.len() < MIN_SAMPLE_POINT_COUNT.max(saturated.len()) {
             let mut lowest_gains: Vec<f64> =
                 saturated.iter().map(|(index, dry)| ratio(picture.rgb[*index][1], dry[1])).collect();
             let lowest_gains =
@@ -175,7 +175,7 @@ impl LampObserver {
             }
             return lit;
         }
-        if agree < MIN_AGREEING_SHARE {
+        if agree < MIN_AGREEING_FRACTION {
             return LampGain { gains, ..LampGain::UNKNOWN };
         }
         let lit = LampGain { gains, flicker_percent, ..LampGain::UNKNOWN };
@@ -319,7 +319,7 @@ mod tests {
     /// Expected values, calculated by hand: of 40 rows, 35 and a margin of 3 belong to the window. The remaining two
     /// rows of 25 px have fewer than 60 sample points; two rows of 35 px are enough.
     #[test]
-    fn too_few_places_give_no_light() {
+    fn too_few_sample_points_give_no_light() {
         let light = |width: usize| {
             let window = Window { left: 0, top: 5, width, height: 35 };
             let mut lamp = LampObserver::observe_surroundings(&window, &ColorPicture::uniform(width, 40, [100; 3]));
@@ -344,7 +344,7 @@ mod tests {
     /// bright, and 3 % brighter. The median of all is 0.97, the median of the ratios near it is 1, and three of five
     /// sample points agree with it.
     #[test]
-    fn places_that_became_wet_do_not_count_for_the_light() {
+    fn wet_sample_points_are_excluded_from_the_light() {
         let window = Window { left: 0, top: 40, width: 100, height: 20 };
         let mut lamp = LampObserver::observe_surroundings(&window, &ColorPicture::uniform(100, 100, [100; 3]));
         let mut now = ColorPicture::uniform(100, 100, [60; 3]);

@@ -26,7 +26,7 @@ const MAX_LIGHT_Q12: f64 = 16_383.0;
 
 /// Minimum fraction of a tile's pixels with about the expected brightness; with fewer, the light of the neighbouring
 /// tiles is used.
-const MIN_NEAR_SHARE: f64 = 0.25;
+const MIN_NEAR_FRACTION: f64 = 0.25;
 /// Permitted range of the light on a tile, relative to the median of the region.
 const LOCAL_LIGHT_RANGE: [f64; 2] = [0.55, 1.08];
 
@@ -36,7 +36,7 @@ pub struct TileLight {
     columns: usize,
     /// Light on each tile, row by row, relative to the light in which the film brightness was learnt.
     tiles: Vec<f64>,
-    /// The region's median.
+    /// Median of the light over the region.
     pub region_median: f64,
     /// Whether the drift of the lamp is excluded from the measured light.
     is_lamp_excluded: bool,
@@ -70,8 +70,9 @@ impl TileLight {
 
     /// Calculates the light from the sums of the tiles; `inside` is the number of pixels of each tile in the region.
     pub fn updated(&self, sums: &[Sum], inside: &[u32], without_lamp: bool) -> TileLight {
-        let known =
-            |i: usize| f64::from(sums[i].pixels) >= MIN_NEAR_SHARE * f64::from(inside[i]) && sums[i].expected > 0;
+        let known = |i: usize| {
+            f64::from(sums[i].pixels) >= MIN_NEAR_FRACTION * f64::from(inside[i]) && sums[i].expected > 0
+        };
         let ratio = |i: usize| f64::from(sums[i].found) / f64::from(sums[i].expected);
         let mut ratios: Vec<(f64, u32)> =
             (0..sums.len()).filter(|&i| inside[i] > 0 && known(i)).map(|i| (ratio(i), inside[i])).collect();
@@ -166,7 +167,7 @@ fn weighted_median(sorted: &[(f64, u32)]) -> Option<f64> {
 }
 
 /// Upper limit of the change of a pixel, levels: a larger change is clipped, because it gives no more information.
-const MAX_COUNTED_CHANGE_LEVELS: f64 = 40.0;
+const CHANGE_CLIP_LEVELS: f64 = 40.0;
 /// Minimum ratio of the contrast-to-noise ratio of a single channel to that of the mean, for the channel to be
 /// selected. Each tile decides from a few hundred noisy pixels.
 const MIN_CHANNEL_ADVANTAGE: f64 = 1.1;
@@ -201,7 +202,7 @@ impl Views {
             for (evidence, (weights, contrast_gain)) in evidence[self.tile_of(block)].iter_mut().zip(&self.weights)
             {
                 let change: f64 = (0..3).map(|i| weights[i] * change[i]).sum();
-                *evidence += contrast_gain * change.abs().min(MAX_COUNTED_CHANGE_LEVELS);
+                *evidence += contrast_gain * change.abs().min(CHANGE_CLIP_LEVELS);
             }
         }
         for (chosen, evidence) in self.chosen.iter_mut().zip(evidence) {
@@ -289,7 +290,7 @@ mod tests {
     /// Expected values, calculated by hand: eight of nine tiles have 10 % more light; the ninth is 1.3 times as bright
     /// and has a gain of at most 1.08 · 1.1.
     #[test]
-    fn a_part_may_be_darker_but_not_brighter() {
+    fn a_tile_may_be_darker_but_not_brighter_than_the_others() {
         let mut sums = vec![sum(1_100); 9];
         sums[4] = sum(1_300);
         let light = TileLight::uniform(3, 3).updated(&sums, &[100; 9], false);

@@ -29,7 +29,7 @@ use super::footprint::Window;
 pub use classify::REFLECTION_TIME_S;
 use classify::{BlockHistory, ClassifyParameters, TICKS_PER_SECOND, TileRow, has_dry_colour_ratio};
 use kernel::{
-    BLOCK_PX, BROKE_FLAG, Block, EVER_WET_FLAG, INSIDE_FLAG, LEVEL, LOOK_MASK, NEW_BREAK_FLAG, NO_DRY_FLAG,
+    BLOCK_PX, BRIGHTNESS_MASK, BROKE_FLAG, Block, EVER_WET_FLAG, INSIDE_FLAG, LEVEL, NEW_BREAK_FLAG, NO_DRY_FLAG,
     OPEN_FLAG, OVEREXPOSED_FLAG, RowSelection, Sum,
 };
 use lamp::{LampGain, LampObserver};
@@ -37,7 +37,7 @@ use light::{EXPOSED_ROW_STRIDE, LIGHT_ROW_STRIDE, Region, TILE_PX, TileLight, Vi
 use noise::Noise;
 use panelprep_base::geometry::ColorPicture;
 use rayon::prelude::*;
-pub use shimmer::{DIFFERENCE_COUNT, Shimmer};
+pub use shimmer::{DIFFERENCE_COUNT, TemporalNoise};
 
 /// Minimum and maximum ratio of present to learnt film brightness of the pixels from which the light is estimated,
 /// first pass, 1/1024.
@@ -53,7 +53,7 @@ const MAX_DRY_LEVELS: u8 = 249;
 /// Time over which the film brightness is learnt, s.
 const LEARNING_TIME_S: f64 = 1.0;
 /// Minimum difference of a sprayed, wet pixel from the range of bare brightness, as a fraction of the dry brightness.
-const MIN_SPRAYED_CHANGE_SHARE: f64 = 0.1;
+const MIN_RELATIVE_SPRAYED_CHANGE: f64 = 0.1;
 /// Maximum exponent for the film on a sanded place. The ratio of film to bare brightness there may differ from the
 /// ratio on the panel: it is the panel's ratio raised to a power. The simulators draw the power from 0.85 to 1.25.
 pub const MAX_FILM_POWER: f64 = 1.3;
@@ -98,7 +98,7 @@ pub struct Model {
     region: Region,
     noise: Noise,
     /// Temporal noise at the pixels without a dry reference; `None` if there are no such pixels.
-    shimmer: Option<Shimmer>,
+    shimmer: Option<TemporalNoise>,
     lamp: LampObserver,
     lit: LampGain,
     light: TileLight,
@@ -145,9 +145,9 @@ impl Model {
             previous: vec![[0; BLOCK_PX]; blocks],
             region: Region::from_blocks(&state, columns),
             state,
-            past: vec![BlockHistory::NONE; blocks],
+            past: vec![BlockHistory::EMPTY; blocks],
             noise: Noise::new(),
-            shimmer: sanded.contains(&true).then(|| Shimmer::new(columns, blocks)),
+            shimmer: sanded.contains(&true).then(|| TemporalNoise::new(columns, blocks)),
             lamp: LampObserver::default(),
             lit: LampGain::default(),
             light: TileLight::uniform(columns, tile_rows),
@@ -183,18 +183,18 @@ impl Model {
             }
         }
         self.region = Region::from_blocks(&self.state, self.columns);
-        self.compute_dry_looks();
+        self.compute_dry_brightness();
         self.lamp.add_surroundings(&window, picture);
     }
 
     /// Calculates the dry brightness of each pixel in the view of its tile.
-    fn compute_dry_looks(&mut self) {
+    fn compute_dry_brightness(&mut self) {
         let mut out = [0];
         for index in 0..self.dry_rgb.len() {
             let (block, at) = self.block_position(index);
             let weights = self.views.weights(self.views.chosen[self.views.tile_of(block)], [1.0; 3]);
-            kernel::weighted_looks(&self.dry_rgb[index..=index], weights, &mut out);
-            self.dry[block][at] = out[0] & LOOK_MASK;
+            kernel::weighted_brightness(&self.dry_rgb[index..=index], weights, &mut out);
+            self.dry[block][at] = out[0] & BRIGHTNESS_MASK;
         }
     }
 
@@ -213,9 +213,9 @@ impl Model {
         let damp = self.terms.damp;
         for ((look, dry), state) in self.current.iter().zip(&self.dry).zip(&mut self.state) {
             for i in 0..BLOCK_PX {
-                let (s, d) = (f64::from(look[i] & LOOK_MASK), f64::from(dry[i]));
-                let is_wet =
-                    s < (damp - MIN_SPRAYED_CHANGE_SHARE) * d || s > (1.0 + 2.0 * MIN_SPRAYED_CHANGE_SHARE) * d;
+                let (s, d) = (f64::from(look[i] & BRIGHTNESS_MASK), f64::from(dry[i]));
+                let is_wet = s < (damp - MIN_RELATIVE_SPRAYED_CHANGE) * d
+                    || s > (1.0 + 2.0 * MIN_RELATIVE_SPRAYED_CHANGE) * d;
                 state[i] |= if is_wet && look[i] & OVEREXPOSED_FLAG == 0 { EVER_WET_FLAG } else { 0 };
             }
         }
@@ -235,7 +235,7 @@ impl Model {
                 let row = window.top + first + line;
                 let pixels = &picture.rgb[row * picture.width + window.left..][..window.width];
                 for (column, (pixels, out)) in pixels.chunks(BLOCK_PX).zip(out).enumerate() {
-                    kernel::weighted_looks(pixels, weights[views.chosen[index * columns + column]], out);
+                    kernel::weighted_brightness(pixels, weights[views.chosen[index * columns + column]], out);
                 }
             }
             *look == before[first * columns..][..look.len()]
@@ -260,7 +260,7 @@ impl Model {
         let measured = PictureMeasurement {
             light: self.lit.brighter_gain.or(lamp).unwrap_or(light.region_median),
             is_lamp_known: is_known,
-            overexposed: self.overexposed_share(),
+            overexposed: self.overexposed_fraction(),
             frozen,
             film_transmission: self.film_transmission.unwrap_or(ASSUMED_FILM_TRANSMISSION),
             flicker_percent: self.lit.flicker_percent,
@@ -286,12 +286,12 @@ impl Model {
             // The views are selected with the first film and then fixed: with another channel in each picture the
             // brightness values could not be compared.
             self.views.choose(changes.into_iter());
-            self.compute_dry_looks();
+            self.compute_dry_brightness();
         }
         self.read(picture);
         // The first picture is also used as its own previous picture.
         self.previous.clone_from(&self.current);
-        self.wet = self.current.iter().map(|look| look.map(|look| look & LOOK_MASK)).collect();
+        self.wet = self.current.iter().map(|look| look.map(|look| look & BRIGHTNESS_MASK)).collect();
         for state in self.state.as_flattened_mut() {
             // Without a dry reference a single picture does not show whether a pixel is wet. The module `sanded`
             // requires evidence of moving water at the end.
@@ -302,7 +302,7 @@ impl Model {
     }
 
     /// Returns the fraction of the region that is overexposed.
-    fn overexposed_share(&self) -> f64 {
+    fn overexposed_fraction(&self) -> f64 {
         let rows = self.region.rows.iter().enumerate().step_by(EXPOSED_ROW_STRIDE);
         let found: u32 = rows
             .map(|(row, inside)| {
@@ -322,7 +322,7 @@ impl Model {
         let brighter = light.region_median / self.light.region_median.max(f64::MIN_POSITIVE);
         self.add_noise(brighter);
         self.light = light;
-        self.add_shimmer(since_wet_s);
+        self.add_temporal_noise(since_wet_s);
         let before = self.times_s.last().copied().unwrap_or_default();
         self.times_s.push(since_wet_s as f32);
         // Light that is estimated from the film may be too bright because of a reflection, and would raise the limit
@@ -384,9 +384,9 @@ impl Model {
         (film.powf(-MAX_FILM_POWER) * 1.125).min(MAX_BRIGHTNESS_RATIO)
     }
 
-    fn add_shimmer(&mut self, since_wet_s: f64) {
+    fn add_temporal_noise(&mut self, since_wet_s: f64) {
         let Some(shimmer) = self.shimmer.as_mut() else { return };
-        shimmer.add(&shimmer::ShimmerInput {
+        shimmer.add(&shimmer::TemporalNoiseInput {
             current: &self.current,
             wet: &self.wet,
             state: &self.state,
@@ -396,7 +396,7 @@ impl Model {
 
     /// Ends the observation; no further pictures are accepted.
     pub fn end(&mut self) {
-        self.shimmer.iter_mut().for_each(Shimmer::end);
+        self.shimmer.iter_mut().for_each(TemporalNoise::end);
     }
 
     fn add_noise(&mut self, brighter: f64) {

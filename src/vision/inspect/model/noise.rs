@@ -9,16 +9,16 @@
 //! b s (EMVA 1288). Differences of two pictures have twice this variance. Points at which the light changed between the
 //! two pictures have far larger differences and are excluded.
 
-use super::kernel::{Block, INSIDE_FLAG, LEVEL, LOOK_MASK, NO_DRY_FLAG, OVEREXPOSED_FLAG};
+use super::kernel::{BRIGHTNESS_MASK, Block, INSIDE_FLAG, LEVEL, NO_DRY_FLAG, OVEREXPOSED_FLAG};
 
-/// Quantile of the absolute differences that is evaluated; `QUANTILE_VALUE` is its theoretical value, as a multiple of
-/// √2 σ.
-const QUANTILE: f64 = 0.3;
-const QUANTILE_VALUE: f64 = 0.385;
-/// Number of histogram bins per grey level, for the histogram of the differences; `CLASS_COUNT` is the total number of
-/// bins.
-const CLASSES_PER_LEVEL: u16 = LEVEL / 16;
-const CLASS_COUNT: usize = 512;
+/// Quantile of the absolute differences that is evaluated; `NOISE_QUANTILE_VALUE` is its theoretical value, as a
+/// multiple of √2 σ.
+const NOISE_QUANTILE: f64 = 0.3;
+const NOISE_QUANTILE_VALUE: f64 = 0.385;
+/// Bin width of the histogram of the differences, 1/16 grey level in units of [`LEVEL`]; `DIFFERENCE_BIN_COUNT` is the
+/// number of bins.
+const DIFFERENCE_BIN_WIDTH: u16 = LEVEL / 16;
+const DIFFERENCE_BIN_COUNT: usize = 512;
 /// Lower limit of the noise, grey levels: rounding to whole levels alone causes this noise. `ASSUMED_NOISE_LEVELS` is
 /// the noise that is assumed before the first measurement.
 const MIN_NOISE_LEVELS: f64 = 0.35;
@@ -35,7 +35,7 @@ pub struct Noise {
 
 impl Noise {
     pub fn new() -> Self {
-        Noise { classes: vec![0; CLASS_COUNT] }
+        Noise { classes: vec![0; DIFFERENCE_BIN_COUNT] }
     }
 
     /// Adds the pixels of a row in two consecutive pictures; `brighter` is the ratio of the second picture's light to
@@ -45,9 +45,9 @@ impl Noise {
             for ((look, before), state) in look.iter().zip(before).zip(state) {
                 let counts = state & (INSIDE_FLAG | NO_DRY_FLAG) != 0 && (look | before) & OVEREXPOSED_FLAG == 0;
                 if counts && state & INSIDE_FLAG > 0 {
-                    let was = (f64::from(before & LOOK_MASK) * brighter) as u16;
-                    let class = usize::from((look & LOOK_MASK).abs_diff(was) / CLASSES_PER_LEVEL);
-                    self.classes[class.min(CLASS_COUNT - 1)] += 1;
+                    let was = (f64::from(before & BRIGHTNESS_MASK) * brighter) as u16;
+                    let class = usize::from((look & BRIGHTNESS_MASK).abs_diff(was) / DIFFERENCE_BIN_WIDTH);
+                    self.classes[class.min(DIFFERENCE_BIN_COUNT - 1)] += 1;
                 }
             }
         }
@@ -59,14 +59,14 @@ impl Noise {
         if all < MIN_DIFFERENCES {
             return ASSUMED_NOISE_LEVELS;
         }
-        let wanted = QUANTILE * all as f64;
+        let wanted = NOISE_QUANTILE * all as f64;
         let mut below = 0.0;
         for (class, count) in self.classes.iter().enumerate() {
             let next = below + *count as f64;
             if next >= wanted {
                 let within = (wanted - below) / (*count as f64).max(1.0);
-                let level = (class as f64 + within) * f64::from(CLASSES_PER_LEVEL) / f64::from(LEVEL);
-                return (level / QUANTILE_VALUE / std::f64::consts::SQRT_2).max(MIN_NOISE_LEVELS);
+                let level = (class as f64 + within) * f64::from(DIFFERENCE_BIN_WIDTH) / f64::from(LEVEL);
+                return (level / NOISE_QUANTILE_VALUE / std::f64::consts::SQRT_2).max(MIN_NOISE_LEVELS);
             }
             below = next;
         }
@@ -77,9 +77,9 @@ impl Noise {
 /// Maximum difference that is evaluated, grey levels: in a mean of many pixels a larger difference is not noise.
 const MAX_DIFFERENCE_LEVELS: f64 = 3.0;
 /// Bin width of the brightness histogram, grey levels; a bin with too few samples gives no result.
-const CLASS_WIDTH_LEVELS: f64 = 16.0;
-const SENSOR_CLASS_COUNT: usize = 16;
-const MIN_CLASS_DIFFERENCES: f64 = 100.0;
+const BRIGHTNESS_BIN_WIDTH_LEVELS: f64 = 16.0;
+const BRIGHTNESS_BIN_COUNT: usize = 16;
+const MIN_DIFFERENCES_PER_BIN: f64 = 100.0;
 
 /// Minimum variance, levels²: rounding causes a variance of 1/12 in each of 4 × 4 pixels and three channels.
 const MIN_VARIANCE: f64 = 1.0 / 12.0 / 48.0;
@@ -88,7 +88,7 @@ const MIN_VARIANCE: f64 = 1.0 / 12.0 / 48.0;
 /// squares and of the brightness.
 #[derive(Debug, Clone, Default)]
 pub struct SensorNoise {
-    classes: [[f64; 3]; SENSOR_CLASS_COUNT],
+    classes: [[f64; 3]; BRIGHTNESS_BIN_COUNT],
 }
 
 impl SensorNoise {
@@ -96,7 +96,7 @@ impl SensorNoise {
     pub fn add(&mut self, before: f64, now: f64) {
         let difference = now - before;
         if difference.abs() < MAX_DIFFERENCE_LEVELS {
-            let class = ((before / CLASS_WIDTH_LEVELS) as usize).min(SENSOR_CLASS_COUNT - 1);
+            let class = ((before / BRIGHTNESS_BIN_WIDTH_LEVELS) as usize).min(BRIGHTNESS_BIN_COUNT - 1);
             let [count, squares, levels] = &mut self.classes[class];
             *count += 1.0;
             *squares += difference * difference;
@@ -107,7 +107,7 @@ impl SensorNoise {
     /// Returns the variance of the noise at a brightness, levels²; `None` if there are too few differences.
     pub fn variance(&self, levels: f64) -> Option<f64> {
         let known: Vec<(f64, f64, f64)> = (self.classes.iter())
-            .filter(|[count, ..]| *count >= MIN_CLASS_DIFFERENCES)
+            .filter(|[count, ..]| *count >= MIN_DIFFERENCES_PER_BIN)
             .map(|[count, squares, levels]| (*count, levels / count, squares / count / 2.0))
             .collect();
         let weight: f64 = known.iter().map(|(count, ..)| count).sum();

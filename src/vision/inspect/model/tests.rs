@@ -48,7 +48,7 @@ fn after_film(model: &mut Model, level: u8) -> (bool, bool) {
 }
 
 #[test]
-fn bare_film_and_neither_by_hand() {
+fn pixels_are_classified_as_bare_film_or_neither() {
     let found = |level: u8| after_film(&mut model(&[], TERMS), level);
     for level in [78, 80, 100, 112] {
         assert_eq!(found(level), (true, true), "{level}");
@@ -96,7 +96,7 @@ fn a_place_that_ends_between_film_and_bare_is_not_seen() {
 /// 1/6 of the film brightness, 10 levels up or down. A bare place is at most (1/0.6)^1.3 · 9/8 = 2.186 times as bright
 /// as its film, which is 131 levels.
 #[test]
-fn a_sanded_place_is_compared_only_with_its_wet_look() {
+fn a_sanded_place_is_compared_only_with_its_film_brightness() {
     let sanded: Vec<bool> = (0..SIDE * SIDE).map(|index| index / SIDE >= 20).collect();
     for (level, is_open) in
         [(68, false), (52, false), (72, true), (48, true), (90, true), (128, true), (134, false)]

@@ -84,7 +84,7 @@ fn moved([x_mm, y_mm, z_mm]: [f64; 3]) -> Rigid<Camera, Panel> {
 /// Settings of the thesis's method with a median of 3 × 3 px, which removes only the corners of a block.
 const SHARP: &str = "method = \"thesis\"\nmedian_px = 3\nmedian_passes = 1\npersist_frames = 2";
 
-/// The default method.
+/// Settings of the default method, which evaluates the film.
 const FILM: &str = "method = \"film\"";
 
 fn demands() -> Demands {

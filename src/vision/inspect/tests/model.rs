@@ -1,4 +1,4 @@
-//! The default method.
+//! Tests of the default method on a plane panel.
 
 use super::*;
 
@@ -186,7 +186,7 @@ fn a_bright_rim_beside_a_break_hides_none_of_it() {
 /// the grid failed, whatever is hidden. Of 10 hidden and 12 broken px, 40 and 48 mm², neither alone would make a grid
 /// fail, but both together do.
 #[test]
-fn a_failed_grid_stays_failed_and_hidden_places_count_with_broken_ones() {
+fn a_failed_grid_stays_failed_and_hidden_area_is_added_to_broken_area() {
     let failed = inspect_reflection([30, 48, 38, 56], 6, &[[44, 24, 54, 34]]);
     assert_eq!((failed.judgement.verdict, codes(&failed)), (Verdict::Fail, vec!["broken"]));
     assert_eq!(
@@ -250,21 +250,21 @@ fn a_shadow_on_the_first_wet_picture_is_no_film() {
 /// dry panel has 105 levels. A break has the dry brightness in both and is exact to the pixel, while the lamp tints the
 /// pictures, red by +6 % and blue by −6 %. The surroundings of the region, here the wall, show the light.
 #[test]
-fn a_film_that_mirrors_is_detected_by_either_sign_and_in_tinted_light() {
+fn a_break_in_a_reflecting_film_is_found_in_tinted_light() {
     let levels = [[30; 3], [150; 3], [30; 3]];
-    let inspection = inspect_mirroring_film(levels, &[[30, 30, 50, 45], [70, 65, 90, 80]]);
+    let inspection = inspect_reflecting_film(levels, &[[30, 30, 50, 45], [70, 65, 90, 80]]);
     assert_eq!(inspection.judgement.verdict, Verdict::Fail, "{:?}", inspection.judgement);
     assert_eq!((inspection.mask().count(), inspection.breaks.len()), (600, 2));
     assert_eq!((inspection.grids[0].time_to_break_s, inspection.grids[4].time_to_break_s), (Some(1.0), Some(1.0)));
-    assert_eq!(inspect_mirroring_film(levels, &[]).judgement.verdict, Verdict::Pass);
+    assert_eq!(inspect_reflecting_film(levels, &[]).judgement.verdict, Verdict::Pass);
 }
 
 /// On the right grids the film reflects light that makes it 1 level brighter than the dry panel. A break would not be
 /// visible there, and these grids do not pass, whatever breaks elsewhere.
 #[test]
-fn a_film_that_looks_dry_gives_no_result() {
+fn a_film_as_bright_as_the_dry_panel_gives_no_result() {
     for blocks in [vec![], vec![[30, 30, 50, 45]]] {
-        let inspection = inspect_mirroring_film([[30; 3], [150; 3], DRY.map(|level| level + 1)], &blocks);
+        let inspection = inspect_reflecting_film([[30; 3], [150; 3], DRY.map(|level| level + 1)], &blocks);
         assert_eq!(
             (inspection.judgement.verdict, codes(&inspection)[0]),
             (Verdict::Invalid, "no_contrast"),
@@ -278,7 +278,7 @@ fn a_film_that_looks_dry_gives_no_result() {
 
 /// Inspects a film with these levels on the left, middle and right grids of the region; the blocks break after the
 /// first picture.
-fn inspect_mirroring_film(levels: [[u8; 3]; 3], blocks: &[[usize; 4]]) -> Inspection {
+fn inspect_reflecting_film(levels: [[u8; 3]; 3], blocks: &[[usize; 4]]) -> Inspection {
     let tint = [1.06, 1.0, 0.94];
     let mut watch = watch(0.0, FILM);
     watch.push(&exposed(ColorPicture::uniform(WIDTH, HEIGHT, DRY), 1), 1.0, Phase::Dry).expect("first");

@@ -95,7 +95,7 @@ fn two_corners_share_the_difference() {
 /// Expected value, calculated by hand: a camera 100 mm in front of the surface and 100 mm beside the corner sees a
 /// motion along the normal with a factor of sin 45°.
 #[test]
-fn a_slanted_view_sees_a_part_of_a_move_along_the_normal() {
+fn a_slanted_view_shows_a_part_of_a_motion_along_the_normal() {
     let corner = |y: f64| taught(Point::at(560.0, 0.0, 360.0), camera_along_x(Point::at(460.0, y, 360.0)), &CAMERA);
     assert!((corner(100.0).visible_normal_fraction() - 0.5f64.sqrt()).abs() < 1e-9);
     assert!(corner(0.0).visible_normal_fraction() < 1e-9);
@@ -128,7 +128,7 @@ fn two_separate_corners_rotate_the_panel() {
 /// Only the second taught corner is viewed, 12 px away from its expected position at 10 px/mm. Each check names the
 /// corner by its taught number.
 #[test]
-fn a_corner_has_the_number_that_it_was_taught_with() {
+fn a_corner_is_named_by_its_taught_number() {
     let base_from_camera = camera_along_x(Point::at(320.0, 0.0, 360.0));
     let corner = taught(Point::at(560.0, 0.0, 360.0), base_from_camera, &CAMERA);
     let view = CornerView { corner: 1, taught: &corner, base_from_camera, found_px: Pixel::at(1036.0, 768.0) };
