@@ -240,7 +240,10 @@ pub(super) fn calibrate_camera(
         with_operation(OPERATION, until)?,
     );
     with_operation(OPERATION, solved)?;
-    let unusual = || ImagingError { operation: OPERATION, words: "OpenCV returned camera parameters of an unexpected size".to_owned() };
+    let unusual = || ImagingError {
+        operation: OPERATION,
+        words: "OpenCV returned intrinsics of an unexpected size".to_owned(),
+    };
     let m = with_operation(OPERATION, matrix.data_typed::<f64>())?;
     let [k1, k2, p1, p2, k3]: [f64; 5] =
         distortion.as_slice().get(..5).and_then(|numbers| numbers.try_into().ok()).ok_or_else(unusual)?;

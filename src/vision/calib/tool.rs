@@ -100,7 +100,11 @@ pub fn tool_point(poses: &[Rigid<Base, Flange>]) -> Result<ToolPoint, CalibError
              is in degrees"
         )));
     }
-    let singular = || CalibError::Tool("the poses do not determine the tip; rotate the flange about two axes between the poses".to_owned());
+    let singular = || {
+        CalibError::Tool(
+            "the poses do not determine the tip; rotate the flange about two axes between the poses".to_owned(),
+        )
+    };
     let inverse = normal.cholesky().ok_or_else(singular)?.inverse();
     let solution = &inverse * (a.transpose() * &b);
     let residuals = &a * &solution - &b;
