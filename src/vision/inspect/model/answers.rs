@@ -122,9 +122,9 @@ impl Model {
     }
 
     /// Returns whether the state of the pixel is known. The pixel must have shown film or a bare surface for at least
-    /// half of the time, also near the end, and its brightness must not have stepped to a value of neither. Its
-    /// brightness also must not have stayed between film and bare until the end for [`Model::persist_s`], since this
-    /// film may break next.
+    /// half of the time, also near the end, and its brightness must not have stepped to a value that is neither film
+    /// nor bare. Its brightness also must not have stayed between film and bare until the end for [`Model::persist_s`],
+    /// since this film may break next.
     pub fn was_observed(&self, index: usize) -> bool {
         let (block, at) = self.block_position(index);
         let (past, state) = (&self.past[block], self.state(index));
