@@ -264,7 +264,7 @@ bench-worker: setup zivid-stub
 bench-link: bench-link-walks bench-link-rates
 
 bench-link-walks: setup
-	LINK_WALKS=20000 cargo test --locked --test all -- no_walk_violates_a_rule
+	LINK_WALKS=20000 cargo test --locked --test all -- no_walk_violates_a_requirement
 
 bench-link-rates: setup
 	cargo bench --locked --bench link

@@ -1,5 +1,5 @@
-//! `panelprep calibrate robot` as a user runs it: rendered boards, axis angles, and touched corners for an arm that
-//! differs from its nominal geometry.
+//! Tests `panelprep calibrate robot` as a user runs it: with rendered boards, axis angles, and touched corners, for an
+//! arm that differs from its nominal geometry.
 
 use crate::boards::Side;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
@@ -20,7 +20,7 @@ use std::process::Command;
 
 const BOARD: &str = "--board 9x6 --square-mm 25";
 const POSES: usize = 13;
-/// Maximum number of drawn poses; the arm can reach about one in twelve of them.
+/// Maximum number of random poses; the arm reaches one in twelve of them.
 const MAX_DRAWS: usize = 400;
 const TIP_MM: [f64; 3] = [2.0, -3.0, 140.0];
 
@@ -37,8 +37,8 @@ fn panelprep(folder: &Path, arguments: &str) -> (i32, Value, String) {
     (output.status.code().expect("an exit code"), object, words)
 }
 
-/// Returns an arm with errors up to the usual size, and its parameters.
-fn wrong_arm(seed: u64) -> (Arm, [f64; ARM_PARAMETER_COUNT]) {
+/// Returns an arm with errors up to the usual size, and its error parameters.
+fn wrong_arm(seed: u64) -> (Arm, [f64; ARM_NUMBERS]) {
     let arm = Cell::check("cell.toml", "").unwrap_or_else(|problems| panic!("{problems}")).arm().clone();
     let mut random = Pcg64::seed_from_u64(seed);
     let errors = std::array::from_fn(|index| match index {
@@ -48,8 +48,8 @@ fn wrong_arm(seed: u64) -> (Arm, [f64; ARM_PARAMETER_COUNT]) {
     (arm, errors)
 }
 
-/// Returns the arm's axis angles at this pose, according to the nominal geometry.
-fn axes(arm: &Arm, pose: &Rigid<Base, Flange>) -> Option<Joints> {
+/// Returns the axis angles of the arm at this pose, according to the nominal geometry.
+fn nominal_axes(arm: &Arm, pose: &Rigid<Base, Flange>) -> Option<Joints> {
     reach::postures(&Kinematics::new(arm), pose, Point::at(0.0, 0.0, 0.0)).into_iter().next()
 }
 
@@ -58,8 +58,8 @@ fn list(joints: &Joints) -> String {
     format!("[{}]", all.join(", "))
 }
 
-/// Writes the pictures of one camera with the axis angles of each picture, at the arm's true poses.
-fn pictures<A: Side>(
+/// Saves pictures of one camera with the axis angles of each picture, captured at the true poses of the arm.
+fn save_pictures<A: Side>(
     folder: &Path,
     cell: &BoardCell,
     (arm, errors): (&Arm, &[f64; ARM_PARAMETER_COUNT]),
@@ -70,10 +70,11 @@ fn pictures<A: Side>(
     let mut poses = String::new();
     let mut shots = Vec::new();
     for shot in A::shots(cell, MAX_DRAWS) {
-        let Some(joints) = axes(arm, &shot.base_from_flange) else { continue };
+        let Some(joints) = nominal_axes(arm, &shot.base_from_flange) else { continue };
         let (drawn, seen) = (*shot.base_from_flange.isometry(), *shot.camera_from_board.isometry());
         let real = *base_from_flange(arm.geometry(), &joints, errors).isometry();
-        // The board's pose according to the shot, and the camera's view of the board from the arm's true pose.
+        // The pose of the board according to the shot, and the camera's view of the board from the true pose of the
+        // arm.
         let real_seen = match is_on_flange {
             true => (real * truth).inverse() * (drawn * truth * seen),
             false => truth.inverse() * real * (drawn.inverse() * truth * seen),
@@ -94,14 +95,15 @@ fn pictures<A: Side>(
         .expect("written");
 }
 
-/// Returns the touches of corners of the fixed board by the real arm, each with another orientation of the tool.
-fn touches(cell: &BoardCell, (arm, errors): (&Arm, &[f64; ARM_PARAMETER_COUNT])) -> String {
+/// Returns measurements in which the real arm touches corners of the fixed board, each with another orientation of the
+/// tool.
+fn touch_measurements(cell: &BoardCell, (arm, errors): (&Arm, &[f64; ARM_NUMBERS])) -> String {
     let board = Board::parse("9x6", 25.0).expect("a board");
     let tip = Point::<Flange>::at(TIP_MM[0], TIP_MM[1], TIP_MM[2]);
     let mut text = String::new();
     for (index, (column, row)) in [(0, 0), (8, 0), (8, 5), (0, 5), (4, 2), (2, 4)].into_iter().enumerate() {
         let corner = (cell.base_from_board() * board.corner(column, row).expect("a corner")).mm.coords;
-        // The tool is tilted and rotated differently for each touch, as far as the arm can reach.
+        // The tool has another tilt and rotation each time, as far as the arm allows.
         let turns = (0..200).map(|draw| {
             let angle = 1.7 * index as f64 + 0.9 * f64::from(draw);
             UnitQuaternion::from_scaled_axis(Vector3::x() * std::f64::consts::PI)
@@ -112,7 +114,7 @@ fn touches(cell: &BoardCell, (arm, errors): (&Arm, &[f64; ARM_PARAMETER_COUNT]))
             let (mut aim, mut joints) = (corner, Joints::default());
             for _ in 0..6 {
                 let flange = Isometry3::from_parts(Translation3::from(aim - turn * tip.mm.coords), turn);
-                joints = axes(arm, &Rigid::from_isometry_unchecked(flange))?;
+                joints = nominal_axes(arm, &Rigid::from_isometry_unchecked(flange))?;
                 aim += corner - (base_from_flange(arm.geometry(), &joints, errors) * tip).mm.coords;
             }
             Some(joints)
@@ -123,9 +125,9 @@ fn touches(cell: &BoardCell, (arm, errors): (&Arm, &[f64; ARM_PARAMETER_COUNT]))
     text
 }
 
-/// From pictures of both cameras, axis angles and touched corners, the calibration returns the correction, its
-/// residual, the error of the tip, and the next pose. `check` accepts the file, and a mount that is calibrated with the
-/// correction has a smaller residual.
+/// From pictures of both cameras, axis angles and touched corners, the calibration computes the correction, its
+/// residual, the error of the tip, and the next pose. `check` accepts the file, and a mount calibrated with the
+/// correction fits better.
 #[test]
 fn an_arm_is_calibrated_from_pictures_axes_and_touched_corners() {
     let still = RobotNoise { shift_mm: 0.0, turn_deg: 0.0 };
@@ -135,7 +137,7 @@ fn an_arm_is_calibrated_from_pictures_axes_and_touched_corners() {
     let folder = folder.path();
     pictures::<ScannerMount>(folder, &cell, (&arm, &errors), ("fixed", false));
     pictures::<FlangeCameraMount>(folder, &cell, (&arm, &errors), ("flange", true));
-    std::fs::write(folder.join("touches.toml"), touches(&cell, (&arm, &errors))).expect("written");
+    std::fs::write(folder.join("touches.toml"), touch_measurements(&cell, (&arm, &errors))).expect("written");
     let robot = format!(
         "calibrate robot {BOARD} --eye-to-hand fixed/poses.toml --scanner-lens fixed.toml --eye-in-hand flange/poses.toml \
          --flange-camera-lens flange.toml --touches touches.toml --out robot.toml"
@@ -166,7 +168,7 @@ fn an_arm_is_calibrated_from_pictures_axes_and_touched_corners() {
     let mount = format!(
         "calibrate hand-eye --mount eye-to-hand {BOARD} --intrinsics fixed.toml --images fixed --poses both.toml --out mount.toml"
     );
-    // Hand-eye calibration also needs the controller's poses, which are those of the nominal arm.
+    // Hand-eye calibration also requires the controller's poses, which are those of the nominal arm.
     let poses = std::fs::read_to_string(folder.join("fixed/poses.toml")).expect("written");
     std::fs::write(folder.join("both.toml"), with_flange(&poses, &arm)).expect("written");
     let rms = |arguments: &str| panelprep(folder, arguments).1["rms_mm"].as_f64().expect("a mount");
@@ -174,8 +176,7 @@ fn an_arm_is_calibrated_from_pictures_axes_and_touched_corners() {
     assert!(corrected < 0.6 * plain, "{plain} mm without, {corrected} mm with the correction");
 }
 
-/// Touches of a corner that the board does not have, and of a corner for a camera that is not calibrated, are reported
-/// with the file's name.
+/// A corner that the board does not have, and a corner of a camera that is not calibrated, are reported with the file.
 #[test]
 fn a_touch_of_an_unknown_corner_or_camera_is_reported() {
     let still = RobotNoise { shift_mm: 0.0, turn_deg: 0.0 };

@@ -1,4 +1,4 @@
-//! `panelprep backup` and `restore` as a user runs them: during a cycle of the service, and on another machine.
+//! Tests `panelprep backup` and `restore` as a user runs them: during a cycle of the service, and on another machine.
 
 use super::commands::json;
 use super::service::{START, Service, taught};
@@ -12,7 +12,7 @@ fn verify(folder: &Path, cell: &str) -> Value {
     told
 }
 
-/// Returns a page without the sentence that states when it was made.
+/// Returns a page without the sentence with its creation time.
 fn page(folder: &Path, cell: &str, cycle: i64) -> String {
     let (exit, told) = json(folder, &format!("page {cycle} --cell {cell} --out page.html"));
     assert_eq!(exit, 0, "{told}");
@@ -39,7 +39,7 @@ fn a_backup_beside_a_running_cycle_gives_the_same_records_elsewhere() {
     assert_eq!(service.state(), "execute", "the cycle continues meanwhile");
     service.reach("complete");
 
-    // A restore in place is refused while the service answers.
+    // A restore into the same folder is refused while the service answers.
     let in_place = "restore first.tar.zst --cell cell/cell.toml --only store --replace store";
     let (exit, output) = json(folder, in_place);
     assert!(exit == 2 && output["reasons"].to_string().contains("a service is running on"), "{output}");
@@ -48,12 +48,12 @@ fn a_backup_beside_a_running_cycle_gives_the_same_records_elsewhere() {
     assert!(second["links"].as_i64() > made["links"].as_i64(), "the rest of the cycle: {second} {made}");
     let (exit, output) = json(folder, "backup second.tar.zst --cell cell/cell.toml");
     assert!(exit == 2 && output["reasons"].to_string().contains("is not overwritten"), "{output}");
-    // The pages are read before the signal, which appears on the page of the last cycle.
+    // The pages are read before the signal, because the signal appears on the page of the last cycle.
     let pages = [1, 2].map(|cycle| page(folder, "cell/cell.toml", cycle));
     service.signal(rustix::process::Signal::TERM);
-    assert_eq!(service.ended().code(), Some(0));
+    assert_eq!(service.wait_for_end().code(), Some(0));
 
-    // The store that is restored on another machine has the same rows, and the pages made from them are the same.
+    // The store that is restored on another machine has the same rows, and the pages created from them are the same.
     let (exit, output) = json(folder, "restore second.tar.zst --cell other/cell.toml");
     assert!(exit == 2 && output["reasons"].to_string().contains("--last-cycle"), "{output}");
     let (exit, output) = json(folder, "restore second.tar.zst --cell other/cell.toml --last-cycle 2");
@@ -82,8 +82,8 @@ fn a_backup_beside_a_running_cycle_gives_the_same_records_elsewhere() {
     let (exit, told) = json(folder, &format!("{cycle} --another-part"));
     assert!(exit == 0 && told["cycle_id"].as_i64().is_some_and(|id| id >= 3), "{told}");
 
-    // The backup made during the running cycle contains a store whose cycle was cut short, and the restore reports
-    // this.
+    // The backup that was made during a running cycle contains a store with an incomplete cycle, and the restore
+    // reports this.
     let (exit, output) = json(folder, in_place);
     assert_eq!(exit, 0, "{output}");
     assert!(output["kept"].to_string().contains("cell/store.before-restore-1"), "{output}");

@@ -1,8 +1,8 @@
-//! Boards in poor pictures: out of focus, noisy, with low contrast, with glare, tilted, small, in the dark, among
-//! clutter; for the tests and for `make bench-calib`.
+//! Renders boards in poor pictures: out of focus, noisy, with low contrast, with glare, tilted, small, in the dark,
+//! among clutter; for the tests and for `make bench-calib`.
 //!
-//! The pictures come from a separate renderer, which shares only the camera model with the simulator. Where the ink
-//! changes, a pixel is the mean of 36 rays; then lamp, glare, blur and noise are applied, in this order.
+//! This renderer shares only the camera model with the simulator. At edges of the print, a pixel is the mean of 36
+//! rays; then illumination, glare, blur and noise are applied, in this order.
 #![allow(dead_code)] // Each of the two uses its part.
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
@@ -12,14 +12,14 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use rayon::prelude::*;
 
-/// The difficulties of a picture.
+/// The difficulties of a rendered picture.
 #[derive(Debug, Clone, Copy)]
 pub struct Hard {
     /// Defocus: the standard deviation of a Gaussian blur, px.
     pub blur_px: f64,
     /// Standard deviation of the pixel noise, grey levels.
     pub noise: f64,
-    /// Difference between white and black, grey levels.
+    /// Contrast: white minus black, grey levels.
     pub contrast: f64,
     /// Whether glare covers a tenth of the board.
     pub glare: bool,
@@ -27,7 +27,7 @@ pub struct Hard {
     pub tilt_deg: f64,
     /// Whether only the board is lit.
     pub dark: bool,
-    /// The board's width as a fraction of the picture's width, if it faces the camera.
+    /// Width of the board as a fraction of the picture's width, if the board faces the camera.
     pub width_share: f64,
 }
 
@@ -41,11 +41,12 @@ impl Hard {
 pub struct Rendered {
     /// The picture.
     pub picture: GrayPicture,
-    /// The position of each corner, and whether it is visible despite the glare.
+    /// For each corner: its point on the board, its position in the picture, and whether it is visible despite the
+    /// glare.
     pub truth: Vec<(Point<BoardFrame>, Pixel, bool)>,
 }
 
-/// Returns a camera with this picture width, px, and a lens with distortion.
+/// Returns a camera with this number of pixels across, and with lens distortion.
 pub fn camera(width_px: usize) -> PinholeCamera {
     let width = width_px as f64;
     PinholeCamera {
@@ -63,8 +64,8 @@ pub fn camera(width_px: usize) -> PinholeCamera {
     }
 }
 
-/// The print of a board. It returns the ink at a point in squares from the upper left printed corner: 0 is black, 1 is
-/// white; `None` outside of the board's border.
+/// The print of a board: returns the ink at a point in squares from the upper left printed corner. 0 is black, 1 is
+/// white; outside of the board's rim there is no ink (`None`).
 struct Print {
     board: Board,
     cells: Vec<Vec<bool>>,
@@ -81,7 +82,7 @@ impl Print {
         Print { board: board.clone(), cells, squares: board.marker_squares(), corners: board.corners() }
     }
 
-    /// Returns the corners of the printed part, mm.
+    /// Returns the lower and upper corner of the printed part, mm.
     fn size(&self) -> ([f64; 2], [f64; 2]) {
         let side = self.board.square_mm();
         let by = |n: fn(&Point<BoardFrame>) -> f64| self.corners.iter().map(n).fold(0.0, f64::max);
@@ -133,8 +134,8 @@ fn normal(random: &mut Pcg64) -> f64 {
     (-2.0 * (1.0 - u).ln()).sqrt() * (std::f64::consts::TAU * v).cos()
 }
 
-/// Draws a pose at which the whole board is in the picture.
-fn place(print: &Print, camera: &PinholeCamera, hard: &Hard, random: &mut Pcg64) -> Isometry3<f64> {
+/// Draws a random pose at which the whole board is in the picture.
+fn random_pose(print: &Print, camera: &PinholeCamera, hard: &Hard, random: &mut Pcg64) -> Isometry3<f64> {
     let (low, high) = print.size();
     let wide = high[0] - low[0];
     let middle = Vector3::new((low[0] + high[0]) / 2.0, (low[1] + high[1]) / 2.0, 0.0);
@@ -163,8 +164,8 @@ fn place(print: &Print, camera: &PinholeCamera, hard: &Hard, random: &mut Pcg64)
     panic!("a board of this size fits into the picture somewhere")
 }
 
-/// Draws shapes of random grey levels behind the board.
-fn clutter(camera: &PinholeCamera, random: &mut Pcg64) -> Vec<f32> {
+/// Draws random shapes of all grey levels behind the board.
+fn draw_clutter(camera: &PinholeCamera, random: &mut Pcg64) -> Vec<f32> {
     let (width, height) = (camera.width_px, camera.height_px);
     let mut ground = vec![0.35f32; width * height];
     for _ in 0..60 {
@@ -183,12 +184,12 @@ fn clutter(camera: &PinholeCamera, random: &mut Pcg64) -> Vec<f32> {
 pub fn render(board: &Board, camera: &PinholeCamera, hard: &Hard, seed: u64) -> Rendered {
     let mut random = Pcg64::seed_from_u64(seed);
     let print = Print::new(board);
-    let pose = place(&print, camera, hard, &mut random);
+    let pose = random_pose(&print, camera, hard, &mut random);
     let (width, height) = (camera.width_px, camera.height_px);
     let black = if hard.contrast < 80.0 { 60.0 } else { 30.0 };
     let mut picture: Vec<f32> = match hard.dark {
         true => vec![4.0; width * height],
-        false => clutter(camera, &mut random)
+        false => draw_clutter(camera, &mut random)
             .into_iter()
             .map(|share| (black + share as f64 * hard.contrast.max(60.0)) as f32)
             .collect(),
@@ -208,7 +209,7 @@ pub fn render(board: &Board, camera: &PinholeCamera, hard: &Hard, seed: u64) -> 
     let radius = [(area / std::f64::consts::PI * long).sqrt(), (area / std::f64::consts::PI / long).sqrt()];
     let glare = |[x, y]: [f64; 2]| {
         let far = ((x - glare_at[0]) / radius[0]).hypot((y - glare_at[1]) / radius[1]);
-        // The glare has its full strength inside, none outside, and a soft edge.
+        // Full glare inside, no glare outside, with a soft edge.
         if hard.glare { ((1.15 - far) / 0.3).clamp(0.0, 1.0) } else { 0.0 }
     };
     picture.par_chunks_mut(width).enumerate().for_each(|(row, line)| {
@@ -264,7 +265,7 @@ pub fn render(board: &Board, camera: &PinholeCamera, hard: &Hard, seed: u64) -> 
     let side = board.square_mm();
     let truth = board.corners().into_iter().map(|q| {
         let pixel = camera.project(Point::<Camera>::new(pose * q.mm)).expect("in front");
-        // A corner is treated as visible if the glare around it leaves two thirds of the ink; the circles of an
+        // A corner is treated as visible if the glare around it leaves two thirds of the contrast; the circles of an
         // asymmetric board are larger.
         let reach = if board.circles() == Some(true) { 0.3 * std::f64::consts::SQRT_2 } else { 0.3 };
         let around = (0..9).map(|index| {
@@ -309,7 +310,7 @@ fn blur(picture: &[f32], width: usize, sigma: f64) -> Vec<f32> {
 pub fn no_board(camera: &PinholeCamera, seed: u64) -> GrayPicture {
     let mut random = Pcg64::seed_from_u64(seed);
     let (width, height) = (camera.width_px, camera.height_px);
-    let mut ground = clutter(camera, &mut random);
+    let mut ground = draw_clutter(camera, &mut random);
     match seed % 3 {
         1 => ground.iter_mut().for_each(|gray| *gray = 0.5 * *gray + 0.5 * random.random::<f32>()),
         2 => ground.iter_mut().enumerate().for_each(|(index, gray)| {
@@ -324,26 +325,27 @@ pub fn no_board(camera: &PinholeCamera, seed: u64) -> GrayPicture {
     GrayPicture { width, height, gray: gray.collect() }
 }
 
-/// The comparison of a detection with the truth.
+/// The result of comparing a detection with the ground truth.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Judged {
-    /// Every visible corner was found, and none at a wrong position. The value is their rms error, px.
+    /// Every visible corner was detected, and no corner at a wrong position; the value is their rms error, px.
     Found(f64),
-    /// At most a tenth of the visible corners is missing. The values are the rms error of the others, px, and the
-    /// number of missing corners.
+    /// At most a tenth of the visible corners is missing; the values are the rms error of the others, px, and the
+    /// number of missing ones.
     Nearly(f64, usize),
-    /// Only a part of the corners was found. The value is the number of missing corners.
+    /// More corners are missing; the value is their number.
     Part(usize),
-    /// Some corners are at a wrong position. The value is the largest error, px.
+    /// Some corners are at a wrong position; the value is the largest error, px.
     Wrong(f64),
-    /// No corner was found.
+    /// No corner was detected.
     Nothing,
 }
 
-/// Minimum error of a corner that is treated as at a wrong position, px.
+/// Minimum error at which a corner is treated as being at a wrong position, px.
 pub const MIN_WRONG_PX: f64 = 0.5;
 
-/// Compares found corners with the truth; for boards that look the same after a rotation, rotated corners are accepted.
+/// Compares detected corners with the ground truth; for boards that look the same after a rotation, rotated corners are
+/// accepted.
 pub fn judge(board: &Board, rendered: &Rendered, found: Option<&detect::Corners>) -> Judged {
     let Some(found) = found else { return Judged::Nothing };
     let far = rendered.truth.last().map(|(q, ..)| q.mm).unwrap_or_default();
@@ -380,9 +382,9 @@ pub fn judge(board: &Board, rendered: &Rendered, found: Option<&detect::Corners>
     }
 }
 
-/// Draws a mixture of difficulties at which a person can still see the board. The blur is limited to a fraction of the
-/// shortened side of a square, or of a marker's cell.
-pub fn mixture(board: &Board, camera: &PinholeCamera, seed: u64) -> Hard {
+/// Draws a random mixture of difficulties with which a person can still see the board. The blur is limited to a
+/// fraction of the foreshortened side of a square, or of a marker's cell.
+pub fn random_difficulties(board: &Board, camera: &PinholeCamera, seed: u64) -> Hard {
     let mut random = Pcg64::seed_from_u64(seed ^ 0xB0A2D);
     let mut between = |low: f64, high: f64| low + (high - low) * random.random::<f64>();
     let mut hard = Hard {

@@ -1,4 +1,4 @@
-//! Calibrations compared with the renderer's ground truth, for the tests and for `make bench-calib`.
+//! Compares calibrations with the renderer's ground truth, for the tests and for `make bench-calib`.
 #![allow(dead_code)] // Each of the two uses its part.
 
 use panelprep::calib::hand_eye::hand_eye;
@@ -11,10 +11,10 @@ use panelprep::sim::{BoardCell, BoardPrint, BoardShot, RobotNoise};
 use rayon::prelude::*;
 
 pub const GOOD_ROBOT: RobotNoise = RobotNoise { shift_mm: 0.02, turn_deg: 0.005 };
-/// A robot with an absolute error of 0.5 mm, and the corresponding rotation.
+/// Pose errors of a robot with 0.5 mm of absolute error, and the corresponding rotation.
 pub const BAD_ROBOT: RobotNoise = RobotNoise { shift_mm: 0.288_675, turn_deg: 0.03 };
 pub const POSES: usize = 15;
-/// Noise of synthetic corners, px: twice the detection error on rendered pictures.
+/// Standard deviation of the noise of synthetic corners, px: twice the detection error on rendered pictures.
 pub const CORNER_PX: f64 = 0.02;
 
 /// A lens with its stated accuracy.
@@ -38,7 +38,7 @@ pub fn cell(seed: u64, robot: RobotNoise) -> BoardCell {
     BoardCell::new(seed, BoardPrint::chessboard(9, 6, 25.0), robot)
 }
 
-/// A camera mount, with its camera and its ground truth.
+/// One of the two mounts, with its camera and its ground truth.
 pub trait Side: Arrangement {
     const NAME: &'static str;
     fn camera(cell: &BoardCell) -> PinholeCamera;
@@ -78,12 +78,12 @@ impl Side for FlangeCameraMount {
     }
 }
 
-/// Computes the corners of shots without rendering.
+/// Computes the corners of shots by projection, without rendering, and adds noise.
 pub fn synthetic<A: Side>(cell: &BoardCell, shots: &[BoardShot<A::From>]) -> Vec<detect::Corners> {
     shots.iter().map(|shot| cell.corners(&A::camera(cell), shot, CORNER_PX)).collect()
 }
 
-/// Finds corners in rendered pictures of full size.
+/// Detects corners in rendered pictures of full size.
 pub fn rendered<A: Side>(cell: &BoardCell, shots: &[BoardShot<A::From>]) -> Vec<detect::Corners> {
     let find = |shot: &BoardShot<A::From>| {
         let picture = cell.picture(&A::camera(cell), shot);
@@ -101,7 +101,7 @@ pub fn stations<A: Side>(shots: &[BoardShot<A::From>], corners: &[detect::Corner
     shots.iter().zip(corners).map(station).collect()
 }
 
-/// Number of pictures for a lens, which is larger than for a mount.
+/// Number of pictures for a lens calibration, more than for a mount.
 const LENS_PICTURES: usize = 25;
 
 /// Calibrates the camera with this program, from rendered pictures in which the board fills the picture.
@@ -109,22 +109,22 @@ pub fn own_lens<A: Side>(cell: &BoardCell) -> Lens {
     let camera = A::camera(cell);
     let shots = cell.lens_shots::<A::From>(&camera, LENS_PICTURES);
     let corners = rendered::<A>(cell, &shots);
-    lens_of(&camera, &corners)
+    calibrate_lens(&camera, &corners)
 }
 
 /// Calibrates the camera from synthetic corners of fewer pictures, for statistics.
 pub fn synthetic_lens<A: Side>(cell: &BoardCell) -> Lens {
     let camera = A::camera(cell);
-    lens_of(&camera, &synthetic::<A>(cell, &cell.lens_shots::<A::From>(&camera, POSES)))
+    calibrate_lens(&camera, &synthetic::<A>(cell, &cell.lens_shots::<A::From>(&camera, POSES)))
 }
 
 /// Calibrates the lens from these corners.
-pub fn lens_of(camera: &PinholeCamera, corners: &[detect::Corners]) -> Lens {
+pub fn calibrate_lens(camera: &PinholeCamera, corners: &[detect::Corners]) -> Lens {
     let found = calibrated_lens(camera, corners);
     Lens { camera: found.camera, covariance: Some(found.covariance) }
 }
 
-/// Calibrates the lens from these corners, and also returns the evidence of the calibration.
+/// Calibrates the lens from these corners, and returns its quality values as well.
 pub fn calibrated_lens(camera: &PinholeCamera, corners: &[detect::Corners]) -> intrinsics::Calibrated {
     let view =
         |(index, corners): (usize, &detect::Corners)| View { name: index.to_string(), corners: corners.clone() };
@@ -133,13 +133,13 @@ pub fn calibrated_lens(camera: &PinholeCamera, corners: &[detect::Corners]) -> i
     intrinsics::calibrate(size, &views, intrinsics::Options::default()).expect("a camera")
 }
 
-/// The error of a calibration, compared with the ground truth.
+/// The error of a calibration against the ground truth.
 #[derive(Debug, Clone, Copy)]
 pub struct Error {
     pub mm: f64,
     pub deg: f64,
     pub stated_mm: f64,
-    /// Whether the true value is inside of the stated 95 % region.
+    /// Whether the true value is within the stated 95 % region.
     pub held: bool,
     pub suspects: usize,
 }
@@ -156,8 +156,8 @@ pub fn error<A: Side>(cell: &BoardCell, found: &HandEye<A>) -> Error {
     }
 }
 
-/// Calibrates a mount from the corners of many poses, with these intrinsics.
-pub fn many_poses<A: Side>(lens: &Lens, shots: &[BoardShot<A::From>], corners: &[detect::Corners]) -> HandEye<A> {
+/// Calibrates a mount from the corners at many poses, with this lens.
+pub fn calibrate_from_many_poses<A: Side>(lens: &Lens, shots: &[BoardShot<A::From>], corners: &[detect::Corners]) -> HandEye<A> {
     calibrated(lens, &stations::<A>(shots, corners))
 }
 
@@ -171,12 +171,12 @@ pub fn calibrated<A: Side>(lens: &Lens, stations: &[Station<A::From>]) -> HandEy
     }
 }
 
-/// Words with which the messages of a calibration name each injected fault.
+/// Injected faults of a calibration, in the words of the messages that report them.
 pub const FAULTS: [&str; 3] = ["upside down", "exchange their poses", "according to the picture"];
 
-/// Calibrates with a flipped board, two exchanged pictures or a mistyped number at the station `seed`. Returns the
-/// messages, and the first words that are expected of them.
-pub fn faulty<A: Side>(seed: u64, fault: usize) -> (Vec<String>, Vec<String>) {
+/// Calibrates with an injected fault at station `seed`: a flipped board, two exchanged pictures or a mistyped number.
+/// Returns the messages, and their expected first words.
+pub fn calibrate_with_fault<A: Side>(seed: u64, fault: usize) -> (Vec<String>, Vec<String>) {
     let cell = cell(seed, GOOD_ROBOT);
     let shots = A::shots(&cell, POSES);
     let mut stations = stations::<A>(&shots, &synthetic::<A>(&cell, &shots));
@@ -208,14 +208,14 @@ pub fn faulty<A: Side>(seed: u64, fault: usize) -> (Vec<String>, Vec<String>) {
     (found.suspects.iter().map(ToString::to_string).collect(), wrong)
 }
 
-/// Returns whether every fault is found and correctly named, and no other fault is reported.
-pub fn is_named((told, wrong): &(Vec<String>, Vec<String>), fault: usize) -> bool {
+/// Returns whether the fault is detected and named correctly, and no other fault is reported.
+pub fn is_fault_named((told, wrong): &(Vec<String>, Vec<String>), fault: usize) -> bool {
     let mut named = told.iter().zip(wrong);
     told.len() == wrong.len() && named.all(|(told, name)| told.starts_with(&**name) && told.contains(FAULTS[fault]))
 }
 
-/// Calibrates the fixed camera from three points with the board at the panel's pose. Returns the error at the
-/// panel's centre and at its farthest corner, mm.
+/// Calibrates the fixed camera from three points with the board at the panel's pose. Returns the error at the panel's
+/// centre and at its farthest corner, mm.
 pub fn three_point_errors(seed: u64, noise_mm: f64, is_rendered: bool) -> [f64; 2] {
     let cell = cell(seed, RobotNoise { shift_mm: 0.0, turn_deg: 0.0 });
     let camera = cell.scanner();

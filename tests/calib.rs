@@ -1,7 +1,7 @@
-//! Calibration compared with the ground truth, two seeds each; `make bench-calib` has the sweeps.
+//! Tests calibrations against the ground truth, two seeds each; `make bench-calib` runs more seeds.
 //!
-//! `commands` tests the same calibrations from files to files, `refused` tests invalid files, `arm` tests a whole
-//! cycle with an arm that has errors.
+//! `commands` tests the same calibrations from files to files, `refused` tests invalid files, `arm` tests a whole cycle
+//! with an arm that has errors.
 
 mod arm;
 mod commands;
@@ -14,14 +14,14 @@ use panelprep::calib::intrinsics::{LensModel, Options, calibrate};
 use panelprep::cell::{FlangeCameraMount, ScannerMount};
 use std::path::Path;
 
-/// Uses full-size rendered pictures, with the true lens and with the lens that this program calibrated.
+/// Calibrates from rendered pictures of full size, with the true lens and with the lens that this program calibrated.
 fn check_mount_against_truth<A: Side>(seed: u64) {
     let cell = boards::cell(seed, GOOD_ROBOT);
     let shots = A::shots(&cell, POSES);
     let corners = boards::rendered::<A>(&cell, &shots);
-    let with_truth = boards::error(&cell, &boards::many_poses::<A>(&Lens::truth::<A>(&cell), &shots, &corners));
+    let with_truth = boards::error(&cell, &boards::calibrate_from_many_poses::<A>(&Lens::truth::<A>(&cell), &shots, &corners));
     let own = boards::own_lens::<A>(&cell);
-    let with_own = boards::error(&cell, &boards::many_poses::<A>(&own, &shots, &corners));
+    let with_own = boards::error(&cell, &boards::calibrate_from_many_poses::<A>(&own, &shots, &corners));
     let name = A::NAME;
     assert!(with_truth.mm < 0.06 && with_truth.deg < 0.015, "{name}, seed {seed}, true lens: {with_truth:?}");
     assert!(with_own.mm < 0.10, "{name}, seed {seed}, own lens: {with_own:?}");
@@ -42,7 +42,7 @@ fn the_error_of_an_inaccurate_robot_is_reported() {
         let shots = FlangeCameraMount::shots(&cell, POSES);
         let corners = boards::synthetic::<FlangeCameraMount>(&cell, &shots);
         let lens = Lens::truth::<FlangeCameraMount>(&cell);
-        let error = boards::error(&cell, &boards::many_poses::<FlangeCameraMount>(&lens, &shots, &corners));
+        let error = boards::error(&cell, &boards::calibrate_from_many_poses::<FlangeCameraMount>(&lens, &shots, &corners));
         assert!(error.mm < 0.6 && error.stated_mm > 0.1 && error.stated_mm < 0.8, "{error:?}");
     }
 }
@@ -51,10 +51,10 @@ fn the_error_of_an_inaccurate_robot_is_reported() {
 fn each_calibration_fault_is_found_and_named() {
     for (fault, words) in boards::FAULTS.iter().enumerate() {
         for seed in [1, 2] {
-            let fixed = boards::faulty::<ScannerMount>(seed, fault);
-            assert!(boards::is_named(&fixed, fault), "{words}: {fixed:?}");
-            let moving = boards::faulty::<FlangeCameraMount>(seed, fault);
-            assert!(boards::is_named(&moving, fault), "{words}: {moving:?}");
+            let fixed = boards::calibrate_with_fault::<ScannerMount>(seed, fault);
+            assert!(boards::is_fault_named(&fixed, fault), "{words}: {fixed:?}");
+            let moving = boards::calibrate_with_fault::<FlangeCameraMount>(seed, fault);
+            assert!(boards::is_fault_named(&moving, fault), "{words}: {moving:?}");
         }
     }
 }
@@ -62,13 +62,13 @@ fn each_calibration_fault_is_found_and_named() {
 #[test]
 fn three_touched_points_place_the_panel() {
     for seed in [1, 2] {
-        // The limits within which 95 % of all seeds lie.
+        // Limits below which 95 % of all seeds are.
         let [centre_mm, corner_mm] = boards::three_point_errors(seed, 0.1, true);
         assert!(centre_mm < 0.30 && corner_mm < 0.70, "seed {seed}: {centre_mm} mm, {corner_mm} mm");
     }
 }
 
-/// Pictures from a real camera, if Debian's opencv-doc is installed or `make bench-calib` has fetched it.
+/// Tests with pictures of a real camera, if Debian's opencv-doc is installed or `make bench-calib` has fetched it.
 #[test]
 fn real_pictures_give_the_camera_of_opencv() {
     let Some(folder) = opencv_doc() else {
@@ -99,15 +99,15 @@ fn real_pictures_give_the_camera_of_opencv() {
         "ok     opencv-doc, own corners: fx {:.3} ± {:.3}, cx {:.3} ± {:.3}, {:.3} px rms, {aside} pictures set aside",
         chosen.camera.fx_px, chosen.deviations[0], chosen.camera.cx_px, chosen.deviations[2], chosen.rms_px
     );
-    // OpenCV states a standard deviation of 1.358 px for fx. It divides by 702 corners less 87 unknowns, and not by
-    // 1404 coordinates less 87 unknowns. The pictures that were left out deviate more than the pictures that were used,
-    // and the stated deviation of the lens includes them.
+    // OpenCV states a standard deviation of 1.358 px for fx. It divides by 702 corners minus 87 unknowns, and not by
+    // 1404 coordinates minus 87 unknowns. The excluded pictures deviate more than the used pictures, and the stated
+    // deviation of the lens includes them.
     let inside = 1.358 * (615.0_f64 / 1317.0).sqrt();
     assert!((inside..1.6 * inside).contains(&found.deviations[0]), "{inside}, {}", found.deviations[0]);
     assert!(found.left_out_rms_px > found.rms_px && found.left_out_rms_px < 1.5 * found.rms_px);
 }
 
-/// Returns the thirteen pictures with their corners, detected in windows of this size.
+/// Returns the thirteen pictures with their corners, detected in search windows of this size.
 fn opencv_views(folder: &Path, half_window_px: Option<usize>) -> Vec<panelprep::calib::intrinsics::View> {
     let numbers = (1..=14).filter(|number| *number != 10);
     let view = |number| {

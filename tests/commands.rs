@@ -1,7 +1,7 @@
 //! Tests the commands as a user runs them: the program itself, on files, with exit codes and JSON.
 //!
-//! `plans`, `clips` and `cycles` test in more detail what these commands do. `refused` tests what they do not
-//! accept. `taught` contains the command lines after which a rendered cell may run.
+//! `plans`, `clips` and `cycles` test in more detail what these commands do. `refused` tests inputs that they refuse.
+//! `taught` contains the command lines that prepare a rendered cell for cycles.
 
 mod clips;
 mod cycles;
@@ -26,8 +26,8 @@ pub fn panelprep(folder: &Path, arguments: &str) -> Output {
         .expect("the program starts")
 }
 
-/// Starts the program with `--json` in a folder; the test controls its three streams.
-pub fn started(folder: &Path, command: &str) -> Child {
+/// Starts the program with `--json` in a folder; the test controls its standard input, output and error.
+pub fn start_program(folder: &Path, command: &str) -> Child {
     Command::new(env!("CARGO_BIN_EXE_panelprep"))
         .args(command.split_whitespace())
         .arg("--json")
@@ -48,7 +48,7 @@ pub fn json(folder: &Path, arguments: &str) -> (i32, Value) {
     (output.status.code().expect("an exit code"), object)
 }
 
-/// Renders a cell at a quarter of the size, in a separate folder.
+/// Renders a cell with pictures of a quarter of the size, in a separate folder.
 pub fn rendered(scene: &str) -> TempDir {
     let folder = tempfile::tempdir().expect("a folder");
     let (exit, files) = json(folder.path(), &format!("render --seed 3 --scene {scene} --reduction 4 --out cell"));
@@ -132,7 +132,7 @@ fn from_files_to_waypoints_command_by_command() {
     let (exit, plan) = json(folder, &format!("{PLAN} --grids {}", failed.join(",")));
     assert_eq!((exit, plan["verdict"].as_str()), (0, Some("accept")), "{plan}");
     assert!(plan["coverage"].as_f64().is_some_and(|share| share >= 0.95), "{plan}");
-    // Neighbouring grids form one path, and no grid is forgotten.
+    // Adjacent grids form one path, and every grid is in a path.
     let paths = plan["paths"].as_array().expect("paths").iter();
     let mut planned: Vec<&str> =
         paths.flat_map(|path| path["grids"].as_array().expect("grids")).filter_map(Value::as_str).collect();
@@ -159,7 +159,7 @@ fn fixture(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/pcl").join(name)
 }
 
-/// Scans that PCL's tools wrote, with a calibration and recipe as a user would write them. The truth is in
+/// Scans that PCL's tools wrote, with a calibration and a recipe as a user would write them. The ground truth is in
 /// `fixtures/README.md`: moved by (5, −3, 6) mm and rotated by 3° about the camera's x and z axes at (0, 0, 400).
 #[test]
 fn scans_written_by_pcl_are_taught_located_and_planned() {
@@ -189,7 +189,7 @@ fn scans_written_by_pcl_are_taught_located_and_planned() {
     let (exit, taught) = run(&format!("teach --scan {}", fixture("panel.pcd").display()));
     assert_eq!(exit, 0, "{taught}");
     let (exit, located) = run(&format!("locate --scan {}", fixture("panel_moved.pcd").display()));
-    // In a coarse scan, the pose of a small panel is known only to a third of a millimetre: a person must decide.
+    // In a coarse scan, the pose of a small panel is known only to 0.3 mm: a person must decide.
     assert_eq!((exit, located["verdict"].as_str()), (1, Some("review")), "{located}");
     assert_eq!(located["reasons"][0]["code"].as_str(), Some("uncertain"), "{located}");
     let turn = |axis: nalgebra::Unit<nalgebra::Vector3<f64>>| {

@@ -11,7 +11,7 @@ fn edited(file: &Path, edit: impl FnOnce(&mut DocumentMut)) {
     fs::write(file, document.to_string()).expect("written");
 }
 
-/// Returns the keys of the errors of all files.
+/// Returns the keys of the errors in all files.
 fn errors(answer: &serde_json::Value) -> Vec<String> {
     let files = answer["files"].as_array().expect("files");
     let all = files.iter().flat_map(|file| file["errors"].as_array().expect("errors"));
@@ -36,8 +36,8 @@ fn spoil_recipe(recipe: &mut DocumentMut, key: &str) {
     }
 }
 
-/// One item is made invalid at a time: it is the only error of `check --for cycle`, and `cycle` refuses it with the
-/// same key.
+/// One item at a time is made invalid: it is the only error of `check --for cycle`, and `cycle` refuses the files with
+/// the same key.
 #[test]
 fn no_cycle_begins_with_files_that_check_finds_incomplete() {
     let folder = rendered("good");
@@ -84,8 +84,8 @@ fn no_cycle_begins_with_files_that_check_finds_incomplete() {
             assert_eq!((exit, errors(&answer)), (1, vec![key.clone()]), "{wrong:?} {answer}");
             let (exit, answer) = cycle();
             assert!(exit == Some(2) && answer.contains(&key), "{answer}");
-            // Before the calibrations are made, a cell's file may be right without them. A calibration that exists
-            // and is wrong is never accepted.
+            // Before the calibrations are made, a cell's file may be valid without them. A calibration that exists but
+            // is wrong is never accepted.
             let (exit, answer) = json(folder, "check cell/cell.toml");
             assert_eq!(exit, i32::from(wrong.is_some()), "{answer}");
             assert_eq!(answer["files"][0]["warnings"].as_array().map(Vec::len), Some(usize::from(wrong.is_none())));
@@ -100,8 +100,7 @@ fn no_cycle_begins_with_files_that_check_finds_incomplete() {
     assert_eq!(check().0, 0, "as it was");
 }
 
-/// If a value in [path] is refused, only this value is reported: the further requirements of [removal] are not
-/// known.
+/// If a value in [path] is refused, only this value is reported: the further requirements of [removal] are not known.
 #[test]
 fn an_invalid_path_value_is_not_reported_as_a_missing_force() {
     let folder = tempfile::tempdir().expect("a folder");

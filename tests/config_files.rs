@@ -38,8 +38,8 @@ fn the_shipped_channel_files_are_valid() {
     }
 }
 
-/// Checks the delivered programs, without and with one error, as a user does; a file that cannot be read does not hide
-/// other errors.
+/// Checks the delivered programs as a user does, without and with one error; a file that cannot be read does not hide
+/// errors in other files.
 #[test]
 fn the_shipped_programs_are_valid_and_one_bad_file_hides_no_other() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/kuka");
@@ -90,8 +90,9 @@ fn the_shipped_programs_are_valid_and_one_bad_file_hides_no_other() {
     );
 }
 
-/// The unit permits the calls that the program itself makes beyond its groups (nice, for the link and for computing).
-/// It is hardened as it states: its exposure is at most 1.2, if systemd is available here to compute it.
+/// The unit permits the system calls of the program that are outside of its groups (nice, for the connection and for
+/// computing). It is as hardened as it states: its exposure level is at most 1.2, if systemd is available here to
+/// compute it.
 #[test]
 fn the_shipped_unit_is_hardened_and_permits_the_calls_of_the_program() {
     let unit = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/panelprep.service");
@@ -100,12 +101,12 @@ fn the_shipped_unit_is_hardened_and_permits_the_calls_of_the_program() {
     assert!(at("SystemCallFilter=setpriority") > at("SystemCallFilter=~@privileged @resources"));
     at("SystemCallErrorNumber=EPERM");
     at("LimitNICE=-10");
-    // AF_NETLINK is needed to find GigE Vision cameras: the search lists the network's interfaces with it.
+    // AF_NETLINK is needed to find GigE Vision cameras: the search lists the network interfaces with it.
     at("RestrictAddressFamilies=AF_UNIX AF_INET AF_INET6 AF_NETLINK");
-    // The kernel reports the user who sends a request on the socket. In a user namespace of its own each user
-    // would be the overflow user, UID 65534.
+    // The kernel reports the user who sends a request on the socket. In a separate user namespace, each user would be
+    // reported as the overflow user, UID 65534.
     assert!(!text.lines().any(|line| line.starts_with("PrivateUsers=")));
-    // The file beside the unit allows the cell's networks, and the delivered sample allows the robot's.
+    // The file beside the unit allows the networks of the cell; the delivered sample allows the network of the robot.
     at("IPAddressDeny=any");
     let networks = fs::read_to_string(unit.with_file_name("panelprep-network.conf")).expect("it ships");
     assert!(networks.lines().any(|line| line == "IPAddressAllow=172.31.1.0/24"), "{networks}");
@@ -117,8 +118,8 @@ fn the_shipped_unit_is_hardened_and_permits_the_calls_of_the_program() {
     }
 }
 
-/// The samples of Zivid settings are recognized as such; a file for the film in which the camera's projector is on is
-/// refused at this line.
+/// The samples of Zivid settings are recognized; a file for the film in which the camera's projector is on is refused
+/// at this line.
 #[test]
 fn the_shipped_camera_settings_are_valid() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/zivid");
@@ -132,9 +133,9 @@ fn the_shipped_camera_settings_are_valid() {
     }
 }
 
-/// The unit for a cell with a Zivid names the graphics processor's devices as today's drivers do. If systemd is
-/// installed here, it accepts every line of both files. Without systemd none of this is checked, and the test
-/// states that.
+/// The unit for a cell with a Zivid names the devices of the graphics processor as today's drivers do. If systemd is
+/// installed here, it accepts every line of both files. Without systemd none of this is checked, and the test reports
+/// this.
 #[test]
 fn systemd_accepts_the_unit_for_a_zivid() {
     let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("config");

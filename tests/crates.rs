@@ -1,5 +1,5 @@
-//! The two pictures in `src/README.md`: the crates, as their `Cargo.toml` files state them, and the data of a cycle, as the
-//! page's table states them. Run these tests with `DRAW=1` to draw them again.
+//! Tests that the drawing of the crates in `src/README.md` shows the dependencies in their `Cargo.toml` files. Run this
+//! test with `DRAW=1` to draw it again.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
@@ -10,7 +10,7 @@ const WIDTH: usize = 900;
 const BOX: [usize; 2] = [150, 40];
 const ROW: usize = 78;
 
-/// The crates on which each crate depends, without those that only its tests use; or the data that each datum is made from.
+/// The crates on which each crate depends, without dependencies of its tests.
 type Dependencies = BTreeMap<String, BTreeSet<String>>;
 
 fn dependencies(root: &Path) -> Dependencies {
@@ -28,23 +28,23 @@ fn dependencies(root: &Path) -> Dependencies {
     members.chain([String::new()]).map(|folder| (name(&folder), of(&folder))).collect()
 }
 
-/// Returns all crates that a crate needs, directly or through others.
-fn reached(all: &Dependencies, from: &str) -> BTreeSet<String> {
+/// Returns all crates on which a crate depends, directly or through others.
+fn transitive_dependencies(all: &Dependencies, from: &str) -> BTreeSet<String> {
     let direct = all[from].iter();
-    direct.flat_map(|name| reached(all, name).into_iter().chain([name.clone()])).collect()
+    direct.flat_map(|name| transitive_dependencies(all, name).into_iter().chain([name.clone()])).collect()
 }
 
-/// Returns the dependencies that no other dependency implies.
-fn arrows(all: &Dependencies) -> Vec<(&str, &str)> {
+/// Returns the direct dependencies that are not also transitive.
+fn non_transitive_edges(all: &Dependencies) -> Vec<(&str, &str)> {
     let is_implied =
-        |from: &str, to: &str| all[from].iter().any(|other| other != to && reached(all, other).contains(to));
+        |from: &str, to: &str| all[from].iter().any(|other| other != to && transitive_dependencies(all, other).contains(to));
     let pairs = all.iter().flat_map(|(from, direct)| direct.iter().map(move |to| (from.as_str(), to.as_str())));
     pairs.filter(|(from, to)| !is_implied(from, to)).collect()
 }
 
-/// Returns the number of crates on the longest way down from a crate.
-fn height(all: &Dependencies, name: &str) -> usize {
-    all[name].iter().map(|below| height(all, below) + 1).max().unwrap_or(0)
+/// Returns the length of the longest dependency chain that begins at a crate.
+fn chain_length(all: &Dependencies, name: &str) -> usize {
+    all[name].iter().map(|below| chain_length(all, below) + 1).max().unwrap_or(0)
 }
 
 /// Returns the row of each crate, from the top: what depends on others is above them.
@@ -66,14 +66,15 @@ fn data_rows(all: &Dependencies) -> BTreeMap<&str, usize> {
 
 fn drawing(all: &Dependencies, row_of: &BTreeMap<&str, usize>) -> String {
     let mut rows: BTreeMap<usize, Vec<&str>> = BTreeMap::new();
-    for (name, row) in row_of {
-        rows.entry(*row).or_default().push(name);
+    for name in all.keys() {
+        rows.entry(chain_length(all, name)).or_default().push(name);
     }
-    // Crates that depend on the simulator are on the right, where the lines that pass other rows go down.
-    rows.values_mut().for_each(|row| row.sort_by_key(|name| reached(all, name).contains("sim")));
-    let bottom = rows.keys().copied().max().unwrap_or(0);
+    // Crates that depend on the simulator are on the right, where the edges that pass other rows are drawn.
+    rows.values_mut().for_each(|row| row.sort_by_key(|name| transitive_dependencies(all, name).contains("sim")));
+    let top = rows.keys().copied().max().unwrap_or(0);
     let place = |name: &str| {
-        let row = &rows[&row_of[name]];
+        let height = chain_length(all, name);
+        let row = &rows[&height];
         let index = row.iter().position(|other| *other == name).expect("in its row");
         [WIDTH * (2 * index + 1) / (2 * row.len()), 30 + ROW * row_of[name]]
     };
@@ -82,12 +83,10 @@ fn drawing(all: &Dependencies, row_of: &BTreeMap<&str, usize>) -> String {
          font-size=\"16\" text-anchor=\"middle\">\n<rect width=\"100%\" height=\"100%\" fill=\"#fff\"/>\n",
         60 + ROW * bottom
     );
-    for (from, to) in arrows(all) {
-        // From the upper end down.
-        let (from, to) = if row_of[from] < row_of[to] { (from, to) } else { (to, from) };
+    for (from, to) in non_transitive_edges(all) {
         let ([x1, y1], [x2, y2]) = (place(from), place(to));
         let half = BOX.map(|side| side / 2);
-        let line = if row_of[to] - row_of[from] > 1 {
+        let line = if chain_length(all, from) - chain_length(all, to) > 1 {
             let [x1, x2, x] = [x1 + half[0], x2 + half[0], WIDTH - 10];
             format!("M{x1} {y1}C{x} {y1} {x} {y2} {x2} {y2}")
         } else {
@@ -156,12 +155,13 @@ fn the_picture_of_the_crates_is_drawn_from_their_manifests() {
     assert_drawn("src/crates.svg", &drawing(&all, &crate_rows(&all)));
 }
 
-/// Of three crates in a line, the arrow from the first to the last is implied.
+/// In a chain of three crates, the edge from the first to the last is not drawn, because this dependency is also
+/// transitive.
 #[test]
-fn an_implied_arrow_is_not_drawn() {
+fn a_transitive_edge_is_not_drawn() {
     let names = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect();
     let all = [("a", names(&["b", "c"])), ("b", names(&["c"])), ("c", names(&[]))];
     let all: Dependencies = all.into_iter().map(|(name, direct)| (name.to_owned(), direct)).collect();
-    assert_eq!(arrows(&all), [("a", "b"), ("b", "c")]);
-    assert_eq!(["a", "b", "c"].map(|name| height(&all, name)), [2, 1, 0]);
+    assert_eq!(non_transitive_edges(&all), [("a", "b"), ("b", "c")]);
+    assert_eq!(["a", "b", "c"].map(|name| chain_length(&all, name)), [2, 1, 0]);
 }

@@ -1,4 +1,4 @@
-//! `panelprep doctor` reports what is wrong with a cell, and reports nothing else.
+//! Tests that `panelprep doctor` reports every problem of a cell, and nothing else.
 
 use super::commands::{TEACH, VERIFY, json, rendered, taught_and_verified};
 use super::wall::{Mock, over_sockets};
@@ -12,11 +12,11 @@ use std::path::Path;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 const DOCTOR: &str = "doctor --cell cell/cell.toml";
-/// Two of the sixteen ports that a controller's firewall leaves open; no other test uses them.
+/// Two of the sixteen ports that a controller's firewall opens; no other test uses them.
 const PORTS: [u16; 2] = [54_612, 54_613];
 
-/// Returns each problem that the doctor reports: name, what was found, advice.
-fn wrong(folder: &Path, arguments: &str) -> Vec<[String; 3]> {
+/// Returns each problem that the doctor reports: name, value found, advice.
+fn reported_problems(folder: &Path, arguments: &str) -> Vec<[String; 3]> {
     let (exit, told) = json(folder, arguments);
     let checks = told["checks"].as_array().expect("checks");
     let text = |check: &Value, key: &str| check[key].as_str().unwrap_or_default().to_owned();
@@ -31,24 +31,24 @@ fn wrong(folder: &Path, arguments: &str) -> Vec<[String; 3]> {
         checks.len() >= 2 && wrong.iter().all(|[_, found, advice]| !found.is_empty() && !advice.is_empty()),
         "{told}"
     );
-    // A mock controller never has signed proofs; another test checks this row.
+    // A mock controller never has signed acceptance tests; another test checks this row.
     wrong.into_iter().filter(|[name, ..]| name != "proofs").collect()
 }
 
-/// Checks that exactly one problem is reported, with these words in its name, in what was found, and in the advice.
-fn one_wrong(folder: &Path, arguments: &str, words: [&str; 3]) {
-    let wrong = wrong(folder, arguments);
+/// Checks that exactly one problem is reported, with these words in its name, in the value found, and in the advice.
+fn expect_one_problem(folder: &Path, arguments: &str, words: [&str; 3]) {
+    let wrong = reported_problems(folder, arguments);
     let [only] = wrong.as_slice() else { panic!("{words:?}: {wrong:?}") };
     assert!(only.iter().zip(words).all(|(text, word)| text.contains(word)), "{words:?}: {only:?}");
 }
 
-/// Plants a fault in a file, runs the check, and restores the file.
-fn planted(folder: &Path, (file, from, to): (&str, &str, &str), words: [&str; 3]) {
+/// Injects a fault into a file, runs the check, and restores the file.
+fn check_injected_fault(folder: &Path, (file, from, to): (&str, &str, &str), words: [&str; 3]) {
     let file = folder.join(file);
     let text = fs::read_to_string(&file).expect("there");
     assert!(text.contains(from), "{from}: {text}");
     fs::write(&file, text.replacen(from, to, 1)).expect("written");
-    one_wrong(folder, DOCTOR, words);
+    expect_one_problem(folder, DOCTOR, words);
     fs::write(&file, text).expect("written");
 }
 
@@ -56,17 +56,17 @@ fn planted(folder: &Path, (file, from, to): (&str, &str, &str), words: [&str; 3]
 fn doctor_reports_each_planted_fault_and_none_in_a_good_cell() {
     let folder = rendered("good");
     let folder = folder.path();
-    // Before teaching, the store is missing, and nothing is stated about either calibration.
-    let names: Vec<String> = wrong(folder, DOCTOR).into_iter().map(|[name, ..]| name).collect();
+    // Before teaching, the store is missing, and no statement about either calibration is made.
+    let names: Vec<String> = reported_problems(folder, DOCTOR).into_iter().map(|[name, ..]| name).collect();
     assert_eq!(names, ["store", "calibration of the scanner", "calibration of the flange_camera"]);
     taught_and_verified(folder);
-    assert_eq!(wrong(folder, DOCTOR), Vec::<[String; 3]>::new());
+    assert_eq!(reported_problems(folder, DOCTOR), Vec::<[String; 3]>::new());
 
     // Faults in the cell's file and in the files that it names.
     fs::rename(folder.join("cell/flange_from_camera.toml"), folder.join("away.toml")).expect("moved");
-    one_wrong(folder, DOCTOR, ["calibration of the flange_camera", "flange_from_camera.toml", "calibrate"]);
+    expect_one_problem(folder, DOCTOR, ["calibration of the flange_camera", "flange_from_camera.toml", "calibrate"]);
     fs::rename(folder.join("away.toml"), folder.join("cell/flange_from_camera.toml")).expect("back");
-    planted(
+    check_injected_fault(
         folder,
         ("cell/scanner.toml", "[camera]", "# calibrated again\n[camera]"),
         [
@@ -75,7 +75,7 @@ fn doctor_reports_each_planted_fault_and_none_in_a_good_cell() {
             "calibrate verify --camera scanner",
         ],
     );
-    planted(
+    check_injected_fault(
         folder,
         ("cell/cell.toml", "[scanner]\nkind = \"simulated\"", "[scanner]\nkind = \"recorded\"\nfolder = \"none\""),
         ["scanner", "none", "folder of a recording"],
@@ -83,17 +83,17 @@ fn doctor_reports_each_planted_fault_and_none_in_a_good_cell() {
     let file = folder.join("cell/cell.toml");
     let text = fs::read_to_string(&file).expect("there");
     fs::write(&file, format!("colour = 3\n{text}")).expect("written");
-    let found = wrong(folder, DOCTOR);
+    let found = reported_problems(folder, DOCTOR);
     assert!(found.len() == 2 && found[0][1].contains("colour") && found[1][1].contains("not checked"), "{found:?}");
     fs::write(&file, &text).expect("written");
 
-    // A value that a cycle would refuse is reported with the cycle's own message.
-    planted(
+    // A value that a cycle would refuse is reported with the same message as by the cycle.
+    check_injected_fault(
         folder,
         ("cell/cell.toml", "a1_deg = -120.0", "a1_deg = -320.0"),
         ["cell file", "poses.park.a1_deg: found -320, but the limits of the arm's axis 1 are -170 to 170", "cycle"],
     );
-    // The scan in the store is no longer the one that was taught.
+    // The scan in the store is no longer the scan that was taught.
     let taught = Store::open(&folder.join("cell/store")).expect("a store").taught("simulated-panel", None);
     let hash = panelprep::files::content_hash(&taught.expect("taught").teaching.scan);
     let scan = folder.join("cell/store/blobs").join(hash);
@@ -101,30 +101,30 @@ fn doctor_reports_each_planted_fault_and_none_in_a_good_cell() {
     let mut spoilt = bytes.clone();
     *spoilt.last_mut().expect("bytes") ^= 1;
     fs::write(&scan, spoilt).expect("written");
-    one_wrong(folder, DOCTOR, ["taught panel simulated-panel", "", "teach the panel again"]);
+    expect_one_problem(folder, DOCTOR, ["taught panel simulated-panel", "", "teach the panel again"]);
     fs::write(&scan, bytes).expect("written");
-    assert_eq!(wrong(folder, DOCTOR), Vec::<[String; 3]>::new());
+    assert_eq!(reported_problems(folder, DOCTOR), Vec::<[String; 3]>::new());
 
     // The store and the clock.
     let store = folder.join("cell/store");
     let database = fs::File::options().append(true).open(store.join("panelprep.sqlite")).expect("the database");
     let written = database.metadata().expect("known").modified().expect("known");
     database.set_modified(SystemTime::now() + Duration::from_secs(7_200)).expect("set");
-    one_wrong(folder, DOCTOR, ["clock", "2.0 h ahead", "timedatectl"]);
+    expect_one_problem(folder, DOCTOR, ["clock", "2.0 h ahead", "timedatectl"]);
     database.set_modified(written).expect("set back");
     let last =
         Store::open(&store).expect("a store").newest_verification("scanner").expect("read").expect("verified");
     let now = SystemTime::now().duration_since(UNIX_EPOCH).expect("after 1970").as_secs() as i64;
     Store::store_verification_in(&store, &Verification { at_unix_s: now - 48 * 3_600, ..last }).expect("kept");
-    one_wrong(folder, DOCTOR, ["calibration of the scanner", "48.0 h ago", "calibrate verify --camera scanner"]);
+    expect_one_problem(folder, DOCTOR, ["calibration of the scanner", "48.0 h ago", "calibrate verify --camera scanner"]);
     assert_eq!(json(folder, VERIFY[0]).0, 0);
     fs::rename(store.join("panelprep.sqlite"), folder.join("away.db")).expect("moved");
     fs::write(store.join("panelprep.sqlite"), vec![7; 5_000]).expect("spoilt");
-    assert!(wrong(folder, DOCTOR)[0][1].contains("cannot open the store"));
+    assert!(reported_problems(folder, DOCTOR)[0][1].contains("cannot open the store"));
 }
 
-/// Distinguishes controllers behind two sockets that are absent, silent, send wrong data, or are right, and checks a
-/// controller's own files.
+/// Tests controllers behind two sockets that are absent, silent, send wrong data, or are correct, and checks the files
+/// of a controller.
 #[test]
 fn absent_silent_wrong_and_right_controllers_are_distinguished() {
     let folder = rendered("clean");
@@ -134,9 +134,9 @@ fn absent_silent_wrong_and_right_controllers_are_distinguished() {
     over_sockets(folder, PORTS);
     controller_files(folder);
     let with_files = format!("{DOCTOR} --kuka .");
-    one_wrong(folder, &with_files, ["robot", "refuses", "submit interpreter"]);
-    // No proof is signed: the row states this and the next step. If the cell's file states a signed stage, the row
-    // states that the store has no page of it.
+    expect_one_problem(folder, &with_files, ["robot", "refuses", "submit interpreter"]);
+    // No acceptance test is signed: the row states this and the next step. If the cell's file names a signed stage, the
+    // row states that the store has no page of this stage.
     let proofs = |words: &str| {
         let (_, told) = json(folder, &with_files);
         let checks = told["checks"].as_array().expect("checks");
@@ -152,7 +152,7 @@ fn absent_silent_wrong_and_right_controllers_are_distinguished() {
     proofs("signed_stage is C, but the store contains no readable signed page of the acceptance tests");
     fs::write(&file, text).expect("written");
     let robot = |words: &str| {
-        let found = wrong(folder, &with_files);
+        let found = reported_problems(folder, &with_files);
         assert!(found.len() == 1 && found[0][0] == "robot" && found[0][1].contains(words), "{words}: {found:?}");
     };
     {
@@ -174,7 +174,7 @@ fn absent_silent_wrong_and_right_controllers_are_distinguished() {
                     std::thread::sleep(Duration::from_millis(5));
                 }
             });
-            let found = wrong(folder, &with_files);
+            let found = reported_problems(folder, &with_files);
             done.store(true, std::sync::atomic::Ordering::Relaxed);
             assert!(
                 found.len() == 1 && found[0][0] == "robot" && found[0][2].contains("not this cell's"),
@@ -184,8 +184,8 @@ fn absent_silent_wrong_and_right_controllers_are_distinguished() {
     }
     // A mock controller is reported as a mock: its answers prove nothing about the real controller.
     let _mock = Mock::start(folder, PORTS);
-    one_wrong(folder, &with_files, ["robot", "MOCK", "rehearsal"]);
-    let names: Vec<String> = wrong(folder, DOCTOR).into_iter().map(|[name, ..]| name).collect();
+    expect_one_problem(folder, &with_files, ["robot", "MOCK", "rehearsal"]);
+    let names: Vec<String> = reported_problems(folder, DOCTOR).into_iter().map(|[name, ..]| name).collect();
     assert_eq!(names, ["controller files", "robot"]);
     // Text in the encodings of pendants: in GBK, this comment is the word for commands.
     let channel = fs::read(folder.join("CELLCMD.xml")).expect("there");
@@ -220,14 +220,14 @@ fn absent_silent_wrong_and_right_controllers_are_distinguished() {
         let text = fs::read_to_string(&file).expect("there");
         assert!(text.contains(from), "{from}");
         fs::write(&file, text.replacen(from, to, 1)).expect("written");
-        let found = wrong(folder, &with_files);
+        let found = reported_problems(folder, &with_files);
         let is_named = |found: &[String; 3]| found.iter().zip(words).all(|(text, word)| text.contains(word));
         assert!(found.iter().any(is_named), "{words:?}: {found:?}");
         fs::write(&file, text).expect("written");
     }
 }
 
-/// Writes the controller's files as a person would set them for this cell, beside the cell's folder, and their
+/// Writes the controller's files as a person would edit them for this cell, beside the cell's folder, and their
 /// checksum to the cell's file.
 fn controller_files(folder: &Path) {
     let config = include_str!("../config/kuka/cell_config.dat");

@@ -1,4 +1,5 @@
-//! The table of `tests/bench/README.md` and the figures of the benches are the same set, and the table is rewritten correctly.
+//! Tests that the table of `tests/bench/README.md` and the benches contain the same figures, and that the table is
+//! rewritten correctly.
 
 use super::figures_rows::{figures, parse, replaced, rows};
 use super::words::sources;
@@ -10,8 +11,9 @@ fn page() -> String {
     std::fs::read_to_string(path).expect("the page")
 }
 
-/// Returns the names of all figures in a source, in their order; an error with the place of a figure without a literal name.
-fn names(source: &str) -> Result<Vec<String>, String> {
+/// Returns the names of all figures in a source, in their order; an error with the place of a figure whose name is not
+/// a literal.
+fn figure_names(source: &str) -> Result<Vec<String>, String> {
     let uses = source.match_indices("Figure(").filter(|(at, _)| !source[..*at].ends_with("pub struct "));
     let name = |(at, found): (usize, &str)| {
         let rest = source[at + found.len()..].trim_start();
@@ -25,16 +27,16 @@ fn names(source: &str) -> Result<Vec<String>, String> {
     uses.map(name).collect()
 }
 
-/// The file that tests how names are found has figures that no bench reports.
+/// This file contains figures that no bench reports, because it tests how names are found.
 const THIS_FILE: &str = "tests/figures.rs";
 
 #[test]
 fn each_figure_of_a_bench_has_one_row_and_each_row_a_figure() {
     let mut reported = BTreeSet::new();
-    // Another `Figure` of the program is a picture of the record.
+    // Another type `Figure` of the program is a picture of the record.
     let reports = |source: &str| source.contains("goal::Figure") || source.contains("goal::{Figure");
     for (file, source) in sources().iter().filter(|(file, source)| file != THIS_FILE && reports(source)) {
-        reported.extend(names(source).unwrap_or_else(|error| panic!("{file}: {error}")));
+        reported.extend(figure_names(source).unwrap_or_else(|error| panic!("{file}: {error}")));
     }
     let page = page();
     let table: Vec<String> = rows(&page).into_iter().flat_map(figures).collect();
@@ -50,8 +52,8 @@ fn each_figure_of_a_bench_has_one_row_and_each_row_a_figure() {
 #[test]
 fn names_are_literals() {
     let source = "Figure(\"a: b\").report(x); Figure(\n    \"a: \\\"c\\\"\",\n)";
-    assert_eq!(names(source), Ok(vec!["a: b".to_owned(), "a: \"c\"".to_owned()]));
-    assert!(names("Figure(name)").is_err());
+    assert_eq!(figure_names(source), Ok(vec!["a: b".to_owned(), "a: \"c\"".to_owned()]));
+    assert!(figure_names("Figure(name)").is_err());
 }
 
 const TABLE: &str = "# Numbers\n\n| Figure | Goal | Measured | Command | Commit |\n|---|---|---|---|---|\n\
@@ -91,7 +93,7 @@ fn a_figure_without_a_row_and_a_damaged_line_are_errors() {
     assert!(replaced(&damaged_row, &parse(OUTPUT).expect("good lines"), "ddddddd").is_err());
 }
 
-/// Each row of the page can take a new number of each of its figures.
+/// A new value of each figure can be written into each row of the page.
 #[test]
 fn every_row_of_the_page_can_be_rewritten() {
     let page = page();

@@ -1,4 +1,5 @@
-//! How a person or a script follows a cell: `ctl state`, `ctl watch`, `ctl start --wait`, and files for the next command.
+//! Tests how a person or a script follows a cell: `ctl state`, `ctl watch`, `ctl start --wait`, and files for the next
+//! command.
 
 use super::commands::{TEACH, json, rendered};
 use super::service::{START, Service, taught};
@@ -6,8 +7,8 @@ use serde_json::Value;
 use std::io::{BufRead, BufReader};
 use std::process::{Command, Stdio};
 
-/// `--wait` ends with the cycle and returns its exit code. Meanwhile `watch` prints each change, one object per
-/// line. The page shows the part, and a new disc is confirmed.
+/// `--wait` ends with the cycle and returns its exit code. Meanwhile `watch` prints each change, one object per line.
+/// The page shows the part, and a new disc is confirmed.
 #[test]
 fn a_cycle_is_followed_to_its_end() {
     let folder = taught("good");
@@ -33,7 +34,7 @@ fn a_cycle_is_followed_to_its_end() {
     let output: Vec<Value> = lines.map(object).take_while(|output| output["page"].is_null()).collect();
     watch.kill().and_then(|()| watch.wait()).expect("ended");
     assert!(output.windows(2).all(|pair| pair[0] != pair[1]), "only changes are told");
-    // How many of the phases are seen depends on the machine.
+    // The number of phases that are reported depends on the machine.
     let at_work: Vec<&Value> = output.iter().filter(|output| output["state"] == "execute").collect();
     assert!(at_work.iter().all(|output| output["phase"].is_string()) && !at_work.is_empty(), "{output:#?}");
     let panel = ended["panel"].as_str().expect("a name");
@@ -48,8 +49,8 @@ fn a_cycle_is_followed_to_its_end() {
     let (exit, refused) = service.ctl(&format!("{START} --part SN\u{1}7"));
     assert!(exit == 2 && refused["reasons"].to_string().contains("control characters"), "{refused}");
 
-    // A held cell reports where it will continue. A client that waits continues to wait, and is informed of the
-    // stop.
+    // A held cell reports the phase in which it will continue. A client that waits continues to wait, and is informed
+    // of the stop.
     let mut waits = Command::new(env!("CARGO_BIN_EXE_panelprep"))
         .args(format!("ctl {START} --wait --cell cell/cell.toml").split_whitespace())
         .current_dir(folder)
@@ -67,7 +68,7 @@ fn a_cycle_is_followed_to_its_end() {
     assert_eq!(waits.wait().expect("its status").code(), Some(3), "stopped: aborted, a cycle's own code");
 }
 
-/// A store that was left aborted is cleared without a service, by the command that the message names.
+/// A store that was left in the state Aborted is cleared without a service, by the command that the message names.
 #[test]
 fn a_cell_without_a_service_is_cleared() {
     let folder = taught("clean");
@@ -77,7 +78,7 @@ fn a_cell_without_a_service_is_cleared() {
     service.done("abort");
     service.reach("aborted");
     service.signal(rustix::process::Signal::TERM);
-    service.ended();
+    service.wait_for_end();
     let cycle = "cycle --cell cell/cell.toml --recipe cell/recipe.toml --seed 3";
     let (exit, refused) = json(folder, cycle);
     let words = refused["reasons"][0]["message"].as_str().unwrap_or_default().to_owned();

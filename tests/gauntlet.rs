@@ -1,5 +1,5 @@
-//! Sends random paths through all acceptance checks before motion. The valid paths pass; with one inserted defect the
-//! checks refuse the whole path. `make test` sends a few paths, `make bench-surface` a hundred thousand.
+//! Sends random paths through all path checks. Paths without a defect pass; with one injected defect, the checks refuse
+//! the whole path. `make test` checks a few paths, `make bench-surface` a hundred thousand.
 
 use nalgebra::Vector3;
 use panelprep::cell::{Cell, Workspace};
@@ -14,11 +14,12 @@ use std::collections::BTreeMap;
 /// The result of a run with many paths.
 #[derive(Debug, Default)]
 pub struct Outcome {
-    /// Valid paths that were refused, with the message of the check.
+    /// Paths without a defect that were refused, with the message of the check.
     pub refused: Vec<String>,
-    /// For each defect, the number of paths with the defect and the number of these that passed.
+    /// For each defect, the number of paths with this defect, and the number of these paths that passed.
     pub planted: BTreeMap<&'static str, [usize; 2]>,
-    /// Number of random paths that the arm cannot follow in any configuration. They are not counted as valid paths.
+    /// Number of random paths that no configuration of the arm can follow; they are not counted as paths without a
+    /// defect.
     pub infeasible: usize,
 }
 
@@ -68,11 +69,11 @@ struct Path {
     from: Joints,
     legs: Vec<PathLine>,
     joints: Vec<Joints>,
-    /// An arm that differs from the cell's arm or has other obstacles; `None` for the cell's own arm.
+    /// The arm, if it differs from the cell's arm or has other obstacles; `None` for the cell's arm.
     arm: Option<Kinematics>,
 }
 
-/// Returns a path similar to one over a vertical panel: rows of 10 mm steps, with the tool along X and slightly tilted.
+/// Returns a path like one over an upright panel: rows with 10 mm steps, with the tool along X and slightly tilted.
 /// `None` if the arm cannot follow it in any configuration.
 fn random_path(random: &mut Pcg64Mcg, gates: &Gates) -> Option<Path> {
     let mut share = |low: f64, high: f64| low + (high - low) * random.random::<f64>();
@@ -101,8 +102,8 @@ fn random_path(random: &mut Pcg64Mcg, gates: &Gates) -> Option<Path> {
     Some(Path { from: travel.joints[0], legs, joints: travel.joints[1..].to_vec(), arm: None })
 }
 
-/// Inserts one defect into a path; returns the defect's name.
-fn spoil(random: &mut Pcg64Mcg, path: &mut Path) -> &'static str {
+/// Injects one defect into a path; returns the name of the defect.
+fn inject_defect(random: &mut Pcg64Mcg, path: &mut Path) -> &'static str {
     let nth = 1 + (random.random::<f64>() * (path.legs.len() - 2) as f64) as usize;
     let pose = KukaPose::from_rigid(&path.legs[nth].base_from_tool);
     let leg = &mut path.legs[nth];
@@ -129,7 +130,7 @@ fn spoil(random: &mut Pcg64Mcg, path: &mut Path) -> &'static str {
             "a large turn"
         }
         5 => {
-            path.legs.iter_mut().for_each(|leg| leg.base_from_tool = leant(leg.base_from_tool, 41.0));
+            path.legs.iter_mut().for_each(|leg| leg.base_from_tool = tilted(leg.base_from_tool, 41.0));
             "a tool that leans too far"
         }
         6 => {
@@ -145,7 +146,7 @@ fn spoil(random: &mut Pcg64Mcg, path: &mut Path) -> &'static str {
             "an axis too fast"
         }
         9 => {
-            // The path moves back and forth at one position, with hardly any rounding.
+            // Moves back and forth at one position, almost without rounding.
             path.legs.iter_mut().for_each(|leg| (leg.feed_mm_s, leg.blend_mm) = (900.0, 0.05));
             "an axis that speeds up too fast"
         }
@@ -177,20 +178,20 @@ fn spoil(random: &mut Pcg64Mcg, path: &mut Path) -> &'static str {
             "an axis beyond its limits"
         }
         _ => {
-            // The wrist's centre is 210 mm behind the tip: at most 350 mm from axis 1, along X.
+            // The centre of the wrist is 210 mm behind the tip: at most 350 mm from axis 1, along X.
             path.arm = Some(arm("[arm]\noverhead_margin_mm = 450\n"));
             "a wrist too near axis 1"
         }
     }
 }
 
-/// Tilts the tool by an angle about the base's Z axis, around the tool's own point.
-fn leant(pose: Rigid<Base, Tool>, deg: f64) -> Rigid<Base, Tool> {
+/// Tilts the tool by an angle about the Z axis of the base, around the tool centre point.
+fn tilted(pose: Rigid<Base, Tool>, deg: f64) -> Rigid<Base, Tool> {
     let kuka = KukaPose::from_rigid(&pose);
     KukaPose { a_deg: if kuka.a_deg > 0.0 { kuka.a_deg + deg } else { kuka.a_deg - deg }, ..kuka }.to_rigid()
 }
 
-/// Runs this number of valid paths, and each of them a second time with a defect.
+/// Checks this number of paths without a defect, and each of them once more with a defect.
 pub fn run(paths: usize) -> Outcome {
     let gates = Gates::new();
     let mut random = Pcg64Mcg::seed_from_u64(11);
@@ -203,7 +204,7 @@ pub fn run(paths: usize) -> Outcome {
             }
         };
         outcome.refused.extend(gates.pass(&path).err());
-        let defect = spoil(&mut random, &mut path);
+        let defect = inject_defect(&mut random, &mut path);
         let [planted, passed] = outcome.planted.entry(defect).or_default();
         *planted += 1;
         *passed += usize::from(gates.pass(&path).is_ok());

@@ -1,5 +1,5 @@
-//! The glossary of `src/README.md` and the code agree: each named type, function or field is defined, and no second word is used
-//! for its concept.
+//! Tests that the glossary of `src/README.md` and the code agree: each named type, function or field is defined, and no
+//! second word is used for its concept.
 
 use super::words::{comments, dialect, sources, texts};
 use std::collections::BTreeSet;
@@ -15,7 +15,7 @@ struct Term {
     refused: Vec<String>,
 }
 
-/// Returns the rows of the glossary; an error with the row that does not have its four cells or names nothing in the code.
+/// Returns the rows of the glossary; an error with the row that does not have four cells or names nothing in the code.
 fn terms(page: &str) -> Result<Vec<Term>, String> {
     let head = "| Word | Meaning | In the code | Not |";
     let rows = page.lines().skip_while(|line| *line != head).skip(2).take_while(|line| line.starts_with('|'));
@@ -48,7 +48,8 @@ impl<'ast> Visit<'ast> for Defined {
             _ => None,
         };
         self.0.extend(name.map(ToString::to_string));
-        // The frames and the tables of recipe and cell are written by macros: `Base = "base";`, `step_over_mm: f64, …`.
+        // The frames and the tables of recipe and cell are written with macros: `Base = "base";`, `step_over_mm: f64,
+        // …`.
         if let syn::Item::Macro(item) = item {
             let tokens = item.mac.tokens.to_string();
             let words: Vec<&str> = tokens.split_whitespace().collect();
@@ -74,7 +75,7 @@ impl<'ast> Visit<'ast> for Defined {
     }
 }
 
-/// Returns a name as words: `base_from_panel` and `BaseFromPanel` are "base from panel".
+/// Returns a name as words: `base_from_panel` and `BaseFromPanel` become "base from panel".
 fn as_words(name: &str) -> String {
     let mut words = String::new();
     for c in name.chars() {

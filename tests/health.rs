@@ -1,5 +1,5 @@
-//! A cycle starts only with verified calibrations: not without a verification, nor with one that is old, bad, or of
-//! other files.
+//! Tests that a cycle starts only with verified calibrations: not without a verification, and not with a verification
+//! that is old, failed, or of other files.
 
 use super::commands::{TEACH, VERIFY, json, rendered};
 use panelprep::calib::health::Verification;
@@ -16,9 +16,9 @@ fn codes(told: &Value) -> Vec<&str> {
     told["reasons"].as_array().expect("reasons").iter().filter_map(|reason| reason["code"].as_str()).collect()
 }
 
-/// Checks that neither a cycle nor an air-run starts, for these reasons, and that nothing is written to the journal
-/// and nothing moved.
-fn refused(folder: &Path, expected: &[&str]) {
+/// Checks that neither a cycle nor an air-run starts, with these reasons, that nothing is written to the journal, and
+/// that nothing moves.
+fn expect_refused(folder: &Path, expected: &[&str]) {
     let before = journal(folder);
     for command in [CYCLE.to_owned(), CYCLE.replace("cycle --cell", "air-run --cell")] {
         let (exit, told) = json(folder, &command);
@@ -48,7 +48,7 @@ fn a_cycle_starts_only_on_verified_calibrations() {
     let folder = rendered("good");
     let folder = folder.path();
     assert_eq!(json(folder, TEACH).0, 0);
-    refused(folder, &["not_verified", "not_verified"]);
+    expect_refused(folder, &["not_verified", "not_verified"]);
     let (exit, output) = json(folder, VERIFY[0]);
     assert_eq!((exit, output["verdict"].as_str()), (0, Some("accept")), "{output}");
     let error_mm = output["error_mm"].as_f64().unwrap_or(f64::NAN);
@@ -56,16 +56,16 @@ fn a_cycle_starts_only_on_verified_calibrations() {
         error_mm > 0.02 && error_mm < 0.5 && output["limit_mm"] == 0.8,
         "the mount is 0.1 mm, 0.01° off: {output}"
     );
-    refused(folder, &["not_verified"]);
+    expect_refused(folder, &["not_verified"]);
 
-    // The taught corner, seen at the pose at which it was taught, also verifies the flange camera.
+    // A picture of the taught corner, captured at the pose of teaching, also verifies the flange camera.
     let corner = "calibrate verify --cell cell/cell.toml --camera flange-camera --recipe cell/recipe.toml \
                   --image cell/taught_corner.png --flange cell/taught_flange.json";
     let (exit, output) = json(folder, corner);
     assert!(exit == 0 && output["error_mm"].as_f64().is_some_and(|mm| mm < 0.01), "{output}");
     assert_eq!(json(folder, VERIFY[1]).0, 0);
 
-    // The tool touches 2 mm beside the points, as a tool that was bumped does.
+    // The tool touches 2 mm beside the points, like a tool that was displaced by a collision.
     let (exit, output) = json(folder, &format!("{TOUCH} --points cell/target/touched.toml"));
     let errors = output["errors_mm"].as_array().map(Vec::len);
     assert!(exit == 0 && errors == Some(4) && output["error_mm"].as_f64().is_some_and(|mm| mm < 0.2), "{output}");
@@ -78,10 +78,10 @@ fn a_cycle_starts_only_on_verified_calibrations() {
     assert_eq!((exit, codes(&output)), (1, vec!["verification_limit"]), "{output}");
     let trend = std::fs::read_to_string(folder.join("pictures/trend_tool.svg")).expect("a trend");
     assert_eq!(trend.matches("<circle").count(), 2);
-    refused(folder, &["verification_limit"]);
+    expect_refused(folder, &["verification_limit"]);
     assert_eq!(json(folder, &format!("{TOUCH} --points cell/target/touched.toml")).0, 0);
 
-    // The cycle also does not start with a stricter limit, with other files, or with a verification of the day before
+    // A cycle also does not start with a stricter limit, with other files, or with a verification of the day before
     // yesterday.
     let (rendered, strict) =
         ("verify_limit_mm = 0.8", format!("verify_limit_mm = {:?}", (error_mm / 2.0).max(0.05)));
@@ -90,7 +90,7 @@ fn a_cycle_starts_only_on_verified_calibrations() {
     assert!(codes(&output).contains(&"verification_limit"), "{output}");
     replace(folder, "cell/cell.toml", &strict, rendered);
     replace(folder, "cell/scanner.toml", "[camera]", "# calibrated again\n[camera]");
-    refused(folder, &["verification_other"]);
+    expect_refused(folder, &["verification_other"]);
     replace(folder, "cell/scanner.toml", "# calibrated again\n[camera]", "[camera]");
     let store = folder.join("cell/store");
     let last =
@@ -98,18 +98,18 @@ fn a_cycle_starts_only_on_verified_calibrations() {
     let now = SystemTime::now().duration_since(UNIX_EPOCH).expect("after 1970").as_secs() as i64;
     let old = Verification { at_unix_s: now - 48 * 3600, ..last };
     Store::store_verification_in(&store, &old).expect("kept");
-    refused(folder, &["verification_old"]);
+    expect_refused(folder, &["verification_old"]);
 }
 
-/// A board that is farther from its stated position than a bump could move it is refused, and nothing is stored. A
-/// verification that was stored can be struck out. It stays in the store with the person and the reason, and no older
+/// If a board is farther from its stated position than a collision could move it, its verification is refused and not
+/// stored. A stored verification can be struck out: it stays in the store with the person and the reason, and no older
 /// verification replaces it.
 #[test]
 fn a_useless_verification_is_refused_or_struck_out() {
     let folder = rendered("good");
     let folder = folder.path();
     assert_eq!(json(folder, TEACH).0, 0);
-    // The file states which board it is, so the command does not have to.
+    // The file states which board it is, so the command does not need this option.
     let look = VERIFY[0].replace("--board 5x4 --square-mm 40", "");
     let (exit, output) = json(folder, &look);
     assert_eq!((exit, output["number"].as_i64()), (0, Some(1)), "{output}");
@@ -132,7 +132,7 @@ fn a_useless_verification_is_refused_or_struck_out() {
     assert_eq!(json(folder, VERIFY[1]).0, 0);
     let strike = "calibrate strike 1 --cell cell/cell.toml --by inspector --why moved";
     assert_eq!(json(folder, strike).0, 0);
-    refused(folder, &["verification_struck"]);
+    expect_refused(folder, &["verification_struck"]);
     let kept = history(folder);
     assert_eq!(
         (&kept[0]["struck"]["by"], &kept[0]["struck"]["why"]),
@@ -146,7 +146,7 @@ fn a_useless_verification_is_refused_or_struck_out() {
     assert_eq!(json(folder, &strike.replace("strike 1", "strike 9")).0, 2);
 }
 
-/// An input that cannot be verified is an error, and the store contains nothing from this input.
+/// An input without a target is an error, and the store contains no verification from this input.
 #[test]
 fn a_verification_without_its_target_is_refused() {
     let folder = rendered("good");

@@ -1,5 +1,5 @@
-//! Clients of the service that are slow, silent, endless or wrong on purpose. A stop is still accepted, and these
-//! clients cannot write where only the service writes.
+//! Tests clients of the service that are slow, silent, endless or wrong on purpose. A stop is still accepted, and these
+//! clients cannot write files that only the service may write.
 
 mod clients;
 
@@ -31,7 +31,8 @@ fn a_stop_is_accepted_despite_hostile_clients() {
             stream.set_read_timeout(Some(Duration::from_secs(30))).expect("set");
             let mut answer = String::new();
             let heard = stream.write_all(line).and_then(|()| stream.read_to_string(&mut answer));
-            // The last request reaches a cell that is already aborted: the loop has received it and reports this.
+            // The last request reaches a cell that is already aborted: the loop has received the request and reports
+            // this.
             if heard.is_err() || !(answer.contains("\"answer\":\"done\"") || answer.contains("not_now")) {
                 failed.push(format!("{}{heard:?} {answer}", String::from_utf8_lossy(line)));
             }
@@ -45,8 +46,8 @@ fn a_stop_is_accepted_despite_hostile_clients() {
     service.done("clear");
 }
 
-/// A client can request a recording only in a new file outside of the store, which is named by its full path. No text
-/// of a client begins a line of the log.
+/// A client can request a recording only in a new file outside of the store, given by its full path. No text of a
+/// client can begin a line of the log.
 #[test]
 fn no_client_writes_into_the_store_or_forges_a_log_line() {
     let folder = taught("clean");

@@ -1,5 +1,4 @@
-//! Inputs that are not what they seem: pipes in place of files, and picture formats in which damage cannot be
-//! detected.
+//! Tests inputs of an unexpected kind: pipes instead of files, and picture formats in which damage cannot be detected.
 
 use super::commands::{TEACH, VERIFY, json, rendered};
 use panelprep::files::{read_color, write_color_jpeg};
@@ -8,8 +7,8 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// Time limit for one command. A program that waits for a pipe's writer would wait for ever; one that refuses the
-/// pipe ends at once.
+/// Time limit for one command. A program that waits for the writer of a pipe would never end; a program that refuses
+/// the pipe ends immediately.
 const TIMEOUT: Duration = Duration::from_secs(60);
 
 fn begin(folder: &Path, arguments: &str) -> Child {
@@ -23,7 +22,7 @@ fn begin(folder: &Path, arguments: &str) -> Child {
         .expect("the program starts")
 }
 
-/// Each file that each command reads is replaced by a pipe to which no process writes: the command refuses it.
+/// Each file that each command reads is replaced by a pipe to which no process writes: the command refuses the pipe.
 #[test]
 fn no_reader_waits_for_a_pipe() {
     let folder = rendered("clean");
@@ -69,7 +68,8 @@ fn no_reader_waits_for_a_pipe() {
     }
 }
 
-/// A picture that determines a position must be one in which damage is detected. The message states what to do.
+/// A picture from which a position is measured must have a format in which damage is detected. The message states what
+/// to do.
 #[test]
 fn no_position_is_measured_in_a_jpeg() {
     let folder = rendered("clean");

@@ -1,5 +1,5 @@
-//! Third-party programs: what `check` reports for each, what hostile programs cost, and a corpus of real programs if
-//! one exists.
+//! Tests third-party programs: what `check` reports for each, the time and memory for hostile programs, and a corpus of
+//! real programs if one exists.
 
 use super::commands::panelprep;
 use super::fuzz::hostile_programs;
@@ -29,7 +29,7 @@ fn krl_files(folder: &Path) -> Vec<PathBuf> {
 }
 
 /// Analyses these files as one program.
-fn analysed(files: &[PathBuf]) -> Analysis {
+fn analyse(files: &[PathBuf]) -> Analysis {
     let read = |file: &PathBuf| {
         let name = file.to_string_lossy();
         let bytes = std::fs::read(file).expect("a file");
@@ -40,7 +40,7 @@ fn analysed(files: &[PathBuf]) -> Analysis {
 }
 
 /// Each file of `fixtures/krl` begins with its expected result: `ok`, or each error and warning with line, key and
-/// words. The files of a folder in it are one program; every other file is one program.
+/// words. The files in a subfolder are one program; every other file is one program.
 #[test]
 fn each_fixture_is_judged_as_its_first_lines_state() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/krl");
@@ -52,7 +52,7 @@ fn each_fixture_is_judged_as_its_first_lines_state() {
     }
     assert!(programs.len() > 25, "{}", programs.len());
     for files in programs.values() {
-        let analysis = analysed(files);
+        let analysis = analyse(files);
         for ((file, problems), warnings) in files.iter().zip(&analysis.problems).zip(&analysis.warnings) {
             let text = std::fs::read_to_string(file).expect("UTF-8");
             let expected: Vec<String> = text
@@ -72,8 +72,8 @@ fn each_fixture_is_judged_as_its_first_lines_state() {
     }
 }
 
-/// Hostile programs are checked unchanged, by the program itself, which may use a gigabyte of address space. It
-/// answers in time and does not abort.
+/// Hostile programs are checked unchanged by the program itself, which may use a gigabyte of address space. It answers
+/// in time and does not abort.
 #[test]
 fn hostile_programs_are_checked_in_time() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -91,8 +91,8 @@ fn hostile_programs_are_checked_in_time() {
     }
 }
 
-/// Returns the kind of error that a message reports: the message without its names and numbers.
-fn mechanism(message: &str) -> String {
+/// Returns the kind of error that a message reports: the message without names and numbers.
+fn error_kind(message: &str) -> String {
     let of_name = |sign: char| "_$'\"[".contains(sign) || sign.is_ascii_digit();
     let word = |word: &str| match word.chars().any(of_name) {
         true => "…".to_owned(),
@@ -120,8 +120,8 @@ fn print(title: &str, rows: BTreeMap<String, Row>) {
 }
 
 /// Checks real programs, each file separately: `KRL_CORPUS=FOLDER cargo test --test all krl_corpus -- --nocapture`;
-/// a folder in it is a project. Prints a table by message. People decide whether an error is real; the table gives
-/// the place of one example of each.
+/// each subfolder is a project. Prints a table by message. People decide whether an error is real; the table contains
+/// the place of one example of each message.
 #[test]
 fn krl_corpus() {
     let Some(root) = std::env::var_os("KRL_CORPUS").map(PathBuf::from) else {
@@ -133,13 +133,13 @@ fn krl_corpus() {
     let (mut wrong, mut warned, mut unexecuted, mut slowest) = (0, 0, 0, Duration::ZERO);
     for file in &files {
         let began = Instant::now();
-        let analysis = analysed(std::slice::from_ref(file));
+        let analysis = analyse(std::slice::from_ref(file));
         slowest = slowest.max(began.elapsed());
         let below = file.strip_prefix(&root).expect("in it");
         let project = PathBuf::from(below.iter().next().expect("a name"));
         for (list, rows) in [(&analysis.problems[0], &mut errors), (&analysis.warnings[0], &mut warnings)] {
             for found in list {
-                let row = rows.entry(mechanism(&found.message)).or_default();
+                let row = rows.entry(error_kind(&found.message)).or_default();
                 row.files.insert(file.clone());
                 row.projects.insert(project.clone());
                 row.times += 1;
@@ -162,14 +162,14 @@ fn krl_corpus() {
     assert!(slowest < Duration::from_secs(5), "{slowest:?}");
 }
 
-/// Several files of one controller as a user checks them: in all encodings that occur, and with one address that
-/// belongs to another controller.
+/// Checks several files of one controller as a user does: in all encodings that occur, and with one address of another
+/// controller.
 #[test]
 fn files_of_a_controller_are_read_in_any_encoding() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     let shipped = include_str!("../config/kuka/CELLCMD.xml");
-    // "Commands" in GBK, by its table.
+    // "Commands" in GBK, from its code table.
     let comment = b"<!-- \xC3\xFC\xC1\xEE -->\n";
     let (head, rest) = shipped.split_once('\n').expect("lines");
     assert!(head.starts_with("<ETHERNETKRL>"), "{head}");

@@ -1,6 +1,6 @@
 //! Checks the controller's programs as text: their form, and their agreement with the EthernetKRL files, the client,
-//! the mock controller and the installation page. These tests do not replace a controller; they find slips in the
-//! programs.
+//! the mock controller and the installation page. These tests do not replace a controller; they detect careless errors
+//! in the programs.
 
 mod agree;
 mod krl;
@@ -65,7 +65,7 @@ const KEYWORDS: [&str; 52] = [
 ];
 const TYPES: [&str; 11] =
     ["INT", "REAL", "BOOL", "FRAME", "AXIS", "E6AXIS", "E6POS", "EKI_STATUS", "STATE_T", "MODUS_T", "CELL_CMD_T"];
-/// Names that KUKA's own software provides.
+/// Names that KUKA's own software defines.
 const FOREIGN: [&str; 5] = ["BAS", "IR_STOPM", "CWRITE", "VARSTATE", "ON_ERROR_PROCEED"];
 /// The functions of `eki.md` 3 that the programs use.
 const EKI: [&str; 11] = [
@@ -220,7 +220,7 @@ fn blocks_are_closed_in_the_order_of_their_opening() {
     }
 }
 
-/// Comparisons beside AND or OR need brackets, because they bind more weakly than AND and OR in KRL.
+/// Comparisons beside AND or OR need brackets, because in KRL comparisons have a lower precedence than AND and OR.
 #[test]
 fn comparisons_beside_and_or_or_are_in_brackets() {
     each(&files(), |routine, statement| {

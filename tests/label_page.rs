@@ -1,5 +1,5 @@
-//! `panelprep label` as a person uses it: the program, a browser, the files beside the clip, and the commands that
-//! use them.
+//! Tests `panelprep label` as a person uses it: the program, a browser, the files beside the clip, and the commands
+//! that use these files.
 
 use super::commands::{TEACH, json};
 use super::teach_page::{ask, browsed, opened};
@@ -11,10 +11,10 @@ use std::path::Path;
 
 const CELL: &str = "--cell cell/cell.toml --recipe cell/recipe.toml";
 /// Half of the label rectangle's width and height, px: the rectangle has 16 × 12 pixels.
-const HALF: [f64; 2] = [8.0, 6.0];
+const LABEL_HALF_SIZE_PX: [f64; 2] = [8.0, 6.0];
 
 /// Returns a small rendered cell with a panel that was taught and located.
-fn located() -> tempfile::TempDir {
+fn located_cell() -> tempfile::TempDir {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path();
     let render = "render --seed 3 --scene good --reduction 4 --seconds 20 --out cell";
@@ -30,8 +30,8 @@ fn body(answer: &str) -> Value {
     serde_json::from_str(text).unwrap_or_else(|error| panic!("{error}: {answer}"))
 }
 
-/// Closes the page; returns the command's object and its printed text.
-fn ended(
+/// Closes the page; returns the JSON object and the printed text of the command.
+fn close_page(
     mut page: (std::process::Child, std::io::BufReader<std::process::ChildStderr>, String),
 ) -> (Value, String) {
     assert!(ask(&page.2, "POST", "done", "").starts_with("HTTP/1.1 200"));
@@ -61,8 +61,8 @@ fn middle_of(clip: &Value, id: &str) -> [f64; 2] {
 
 /// Returns the rectangle about this pixel as a shape that begins at this time.
 fn shape([u, v]: [f64; 2], from_s: f64) -> Value {
-    let (left, right) = (u - HALF[0] - 0.5, u + HALF[0] - 0.5);
-    let (top, bottom) = (v - HALF[1] - 0.5, v + HALF[1] - 0.5);
+    let (left, right) = (u - LABEL_HALF_SIZE_PX[0] - 0.5, u + LABEL_HALF_SIZE_PX[0] - 0.5);
+    let (top, bottom) = (v - LABEL_HALF_SIZE_PX[1] - 0.5, v + LABEL_HALF_SIZE_PX[1] - 0.5);
     value!({"from_s": from_s, "corners_px": [[left, top], [right, top], [right, bottom], [left, bottom]]})
 }
 
@@ -74,10 +74,10 @@ fn close(found: &Value, expected: f64) -> bool {
     found.as_f64().is_some_and(|found| (found - expected).abs() < 1e-9)
 }
 
-/// From the first view to the score: the breaks that the person draws are the ground truth for the other commands.
+/// Tests from the first view to the score: the breaks that the person draws are the ground truth for other commands.
 #[test]
 fn a_clip_is_labelled_and_scored_against_its_labels() {
-    let folder = located();
+    let folder = located_cell();
     let folder = folder.path();
     let clip_folder = folder.join("cell/clip");
     let page = opened(folder, &format!("label {CELL} --clip cell/clip --located located.json"));
@@ -88,8 +88,7 @@ fn a_clip_is_labelled_and_scored_against_its_labels() {
     assert_eq!(clip["grids"].as_array().map(Vec::len), Some(24));
     assert_eq!(clip["now"]["said"], value!({"author": "", "clean": false, "breaks": []}));
 
-    // The position at which the renderer's film broke first. It is used only to lay the label over a part of this
-    // break.
+    // The position at which the rendered film broke first. It is only used to draw a label over a part of this break.
     let truth = times(&folder.join("cell/truth/times.png"));
     let first = (0..truth.rgb.len()).filter(|&index| truth.rgb[index][2] == 255);
     let first = first.min_by_key(|&index| truth.rgb[index]).expect("something broke");
@@ -98,7 +97,7 @@ fn a_clip_is_labelled_and_scored_against_its_labels() {
     let quiet = middle_of(&clip, "r2c3");
     let elsewhere = value!({"closes_s": ends_s, "shapes": [shape(quiet, wet_from_s), shape([quiet[0] + 1.0, quiet[1]], ends_s - 1.0)]});
 
-    // Labels that are impossible are refused with a list of all their problems.
+    // Impossible labels are refused with a list of all their problems.
     let mut late = on_break.clone();
     late["shapes"][0]["from_s"] = value!(ends_s + 0.2);
     let two_corners =
@@ -113,7 +112,7 @@ fn a_clip_is_labelled_and_scored_against_its_labels() {
     assert!(problems.contains("break 2") && problems.contains("found 2 corners, at least 3"), "{problems}");
     assert!(!clip_folder.join("labels.json").exists());
 
-    // A drawing that is not saved is shown again after a reload.
+    // A drawing that was not saved is shown again after a reload.
     let both = statement(&[on_break, elsewhere]);
     assert!(ask(&page.2, "POST", "draft", &both.to_string()).starts_with("HTTP/1.1 200"));
     match browsed(&format!("{}#{}", page.2, shots.len() / 2), "class=\"area open") {
@@ -129,7 +128,7 @@ fn a_clip_is_labelled_and_scored_against_its_labels() {
         None => eprintln!("not run: there is no chromium on this computer, so the page was not looked at"),
     }
 
-    // A second save does not overwrite the first labels; they are stored as `labels.1.json`.
+    // A second save does not overwrite the first labels; they are kept as `labels.1.json`.
     assert!(ask(&page.2, "POST", "save", &statement(&[]).to_string()).starts_with("HTTP/1.1 200"));
     assert_eq!(mask(&clip_folder.join("mask.png")).count(), 0);
     let clean = std::fs::read(clip_folder.join("labels.json")).expect("labels");
@@ -137,22 +136,22 @@ fn a_clip_is_labelled_and_scored_against_its_labels() {
     assert_eq!(saved["former"], "labels.1.json");
     assert_eq!(std::fs::read(clip_folder.join("labels.1.json")).expect("kept"), clean);
     assert!(!clip_folder.join("labels.draft.json").exists());
-    let (output, words) = ended(page);
+    let (output, words) = close_page(page);
     assert_eq!((&output["saved"], &output["unsaved"]), (&value!(2), &value!(false)), "{output} {words}");
 
-    // Calculated by hand: two rectangles of 16 × 12 pixels; the second one's shape moves one pixel to the right,
-    // which adds 12 pixels.
+    // Expected value, calculated by hand: two rectangles of 16 × 12 pixels. The shape of the second one moves one pixel
+    // to the right, which adds 12 pixels.
     let labelled = mask(&clip_folder.join("mask.png"));
     assert_eq!(labelled.count(), 2 * 16 * 12 + 12);
     let coded = times(&clip_folder.join("times.png")).rgb;
     assert_eq!(coded[first], [0, 250, 255], "2.5 s after the first wet picture");
 
-    scored(folder, &labelled);
-    changed(folder);
+    check_scores(folder, &labelled);
+    check_changed_pictures(folder);
 }
 
 /// The commands that accept a ground truth accept the labelled clip.
-fn scored(folder: &Path, labelled: &Mask) {
+fn check_scores(folder: &Path, labelled: &Mask) {
     let inspect = format!("inspect {CELL} --located located.json");
     let (exit, output) = json(folder, &format!("{inspect} --clip cell/clip --truth cell/clip --pictures pictures"));
     assert_eq!((exit, output["verdict"].as_str()), (1, Some("fail")), "{output}");
@@ -185,8 +184,8 @@ fn scored(folder: &Path, labelled: &Mask) {
     );
 }
 
-/// Labels are valid for the pictures for which they were made, and the page states this.
-fn changed(folder: &Path) {
+/// Labels are valid only for the pictures for which they were drawn, and the page states this.
+fn check_changed_pictures(folder: &Path) {
     let [one, other] = ["cell/clip/00030.jpg", "cell/clip/00031.jpg"].map(|name| folder.join(name));
     std::fs::copy(&other, &one).expect("copied");
     let inspect = format!("inspect {CELL} --located located.json --clip cell/clip --truth cell/clip");
@@ -199,7 +198,7 @@ fn changed(folder: &Path) {
     assert_eq!(clip["now"]["said"]["breaks"].as_array().map(Vec::len), Some(2));
     assert!(clip["now"]["note"].as_str().is_some_and(|note| note.contains("has changed")), "{clip}");
     assert!(ask(&page.2, "POST", "draft", &statement(&[]).to_string()).starts_with("HTTP/1.1 200"));
-    let (told, _) = ended(page);
+    let (told, _) = close_page(page);
     assert_eq!(
         (&told["saved"], &told["unsaved"], told["labels"].is_string()),
         (&value!(0), &value!(true), true),

@@ -1,12 +1,12 @@
-//! The layer test. The compiler checks that a crate below `src/` names only the crates on which it depends; this test
-//! checks what is inside of each crate, and what pure modules may use.
+//! The layer test. The compiler checks that a crate below `src/` uses only the crates on which it depends; this test
+//! checks the modules inside of each crate, and what pure modules may use.
 //!
-//! Paragraphs of `pub mod` lines in a crate's `lib.rs` are layers; a module may name only modules of earlier paragraphs.
-//! Only the modules of `EDGE` name disk, sockets, processes, clocks or the database, and only they name each other. The
+//! Paragraphs of `pub mod` lines in a crate's `lib.rs` are layers; a module may use only modules of earlier paragraphs.
+//! Only the modules of `EDGE` use disk, sockets, processes, clocks or the database, and only they use each other. The
 //! code is parsed, so that grouped imports, aliases and `super` chains are found; the contents of macros are read as
 //! tokens.
 //!
-//! Within each crate, no file names a file that names it, directly or through others (`circles`).
+//! The files of a crate have no cyclic dependencies (`circles`).
 
 mod circles;
 
@@ -17,10 +17,10 @@ use syn::visit::{self, Visit};
 
 /// Maximum number of layers in a crate.
 const MAX_LAYERS: usize = 5;
-/// Crates that are not divided into top-level modules; each counts as one module.
+/// Crates that are not divided into top-level modules; each is treated as one module.
 const WHOLE: [&str; 2] = ["sim", "devices"];
 
-/// The modules with access to the world outside of the program; all others are pure.
+/// The modules with access to disk, network, processes or clocks; all other modules are pure.
 const EDGE: [&str; 11] =
     ["disk", "supervision", "trust", "store", "backup", "broker", "page", "devices", "archive", "daemon", "cli"];
 
@@ -36,13 +36,13 @@ const EDGE_ONLY: [&str; 8] = [
     "std::os",
 ];
 
-/// A crate below `src/`, or the one of the program.
+/// A crate below `src/`, or the crate of the program.
 struct Member {
     folder: PathBuf,
-    /// The name of a crate that is not divided into top-level modules: all of its files count as one module with this
-    /// name.
+    /// The name of a crate that is not divided into top-level modules; all of its files are treated as one module with
+    /// this name.
     whole: Option<String>,
-    /// The layer of each top-level module, as the paragraphs of `lib.rs` give it.
+    /// The layer of each top-level module, according to the paragraphs of `lib.rs`.
     layers: BTreeMap<String, usize>,
 }
 
@@ -55,14 +55,14 @@ impl Member {
         Member { folder, whole, layers }
     }
 
-    /// Returns a file's module, below the name of its top-level module.
+    /// Returns the module path of a file, below the name of its top-level module.
     fn module(&self, file: &Path) -> Vec<String> {
         let relative = file.strip_prefix(&self.folder).expect("in the crate").with_extension("");
         let parts = relative.iter().filter_map(|part| part.to_str()).filter(|part| !["mod", "lib"].contains(part));
         self.whole.iter().cloned().chain(parts.map(str::to_owned)).collect()
     }
 
-    /// Returns the crate's files, without those of crates in folders below it.
+    /// Returns the files of the crate, without those of crates in its subfolders.
     fn files(&self) -> Vec<PathBuf> {
         let is_own = |file: &PathBuf| {
             let mut folders = file.ancestors().skip(1).take_while(|folder| *folder != self.folder);
@@ -72,7 +72,7 @@ impl Member {
     }
 }
 
-/// Returns all crates: those of the workspace in their order, and the program's.
+/// Returns all crates: those of the workspace in their order, and the crate of the program.
 fn members() -> Vec<Member> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let text = std::fs::read_to_string(root.join("Cargo.toml")).expect("Cargo.toml");
@@ -82,7 +82,7 @@ fn members() -> Vec<Member> {
     names.map(|name| Member::read(root.join(name))).collect()
 }
 
-/// Returns each module's layer, as the paragraphs of a `lib.rs` give it.
+/// Returns the layer of each module, according to the paragraphs of a `lib.rs`.
 fn layers(lib: &str) -> BTreeMap<String, usize> {
     let paragraphs = lib.split("\n\n").map(|paragraph| {
         let name = |line: &str| line.trim().strip_prefix("pub mod ")?.strip_suffix(';').map(str::to_owned);
@@ -95,8 +95,8 @@ fn layers(lib: &str) -> BTreeMap<String, usize> {
         .collect()
 }
 
-/// Returns the path in one form for all crates: `panelprep_base::geometry` and `crate::geometry` are the same.
-fn in_one_form(segments: &[String], home: &str) -> Vec<String> {
+/// Returns the path in a normalized form: `panelprep_base::geometry` and `crate::geometry` are equal.
+fn normalized_path(segments: &[String], home: &str) -> Vec<String> {
     let Some((first, rest)) = segments.split_first() else { return Vec::new() };
     let whole = |name: &str| WHOLE.contains(&name).then(|| name.to_owned());
     let room = match (first.as_str(), first.strip_prefix("panelprep_")) {
@@ -107,9 +107,9 @@ fn in_one_form(segments: &[String], home: &str) -> Vec<String> {
     ["crate".to_owned()].into_iter().chain(room).chain(rest.iter().cloned()).collect()
 }
 
-/// Every path that a file names, `crate` and `super` resolved to `crate::…`.
+/// Every path that a file uses, with `crate` and `super` resolved to `crate::…`.
 struct Paths {
-    /// The file's module below the crate's root, `["panel", "region"]`.
+    /// The module path of the file below the crate's root, such as `["panel", "region"]`.
     module: Vec<String>,
     found: Vec<String>,
 }
@@ -131,7 +131,7 @@ impl Paths {
                 ["crate".to_owned()].iter().chain(&self.module[..kept]).chain(rest).cloned().collect()
             }
             Some("self") => return,
-            _ => in_one_form(segments, &self.module[0]),
+            _ => normalized_path(segments, &self.module[0]),
         };
         self.found.push(resolved.join("::"));
     }
@@ -177,14 +177,14 @@ impl<'ast> Visit<'ast> for Paths {
             let path: String =
                 text[start..].chars().take_while(|c| c.is_alphanumeric() || "_:".contains(*c)).collect();
             let segments: Vec<String> = path.split("::").map(str::to_owned).collect();
-            self.found.push(in_one_form(&segments, &self.module[0]).join("::"));
+            self.found.push(normalized_path(&segments, &self.module[0]).join("::"));
         }
         visit::visit_macro(self, invocation);
     }
 }
 
-/// Returns each use in a file of `module` that its layer does not allow.
-fn wrongs(code: &str, module: &[&str], layers: &BTreeMap<String, usize>) -> Vec<String> {
+/// Returns each path in a file of `module` that its layer does not allow.
+fn layer_violations(code: &str, module: &[&str], layers: &BTreeMap<String, usize>) -> Vec<String> {
     let home = module[0];
     let is_pure = !EDGE.contains(&home);
     let mut wrongs = Vec::new();
@@ -242,7 +242,7 @@ fn every_module_names_only_layers_above_it() {
                 member.folder.join("lib.rs")
             );
             let code = std::fs::read_to_string(&file).expect("a source file");
-            let wrongs = wrongs(&code, &parts, &member.layers);
+            let wrongs = layer_violations(&code, &parts, &member.layers);
             all_wrongs.extend(wrongs.into_iter().map(|wrong| format!("{}: {wrong}", file.display())));
             seen += 1;
         }
@@ -251,7 +251,7 @@ fn every_module_names_only_layers_above_it() {
     assert!(seen > 500, "the test looks at {seen} files only");
 }
 
-/// Checks the rule itself: each planted fault is found, and no allowed line is reported.
+/// Tests the check itself: each injected violation is found, and no allowed line is reported.
 #[test]
 fn planted_faults_are_found() {
     let layers = layers(
@@ -273,7 +273,7 @@ fn planted_faults_are_found() {
         ("fn f() { println!(\"{}\", panelprep_store::store::Store::now()) }", &["panel"]),
     ];
     for (code, module) in faults {
-        assert!(!wrongs(code, module, &layers).is_empty(), "not found: {code}");
+        assert!(!layer_violations(code, module, &layers).is_empty(), "not found: {code}");
     }
     let allowed = [
         ("use crate::{geometry::Point, panel::TaughtPanel};", &["locate"][..]),
@@ -283,7 +283,7 @@ fn planted_faults_are_found() {
         ("use panelprep_base::geometry::Point;", &["panel"]),
     ];
     for (code, module) in allowed {
-        assert_eq!(wrongs(code, module, &layers), Vec::<String>::new(), "{code}");
+        assert_eq!(layer_violations(code, module, &layers), Vec::<String>::new(), "{code}");
     }
 }
 
@@ -297,7 +297,7 @@ fn files_of_a_crate_name_each_other_one_way_only() {
     assert!(found.is_empty(), "{}", found.join("\n"));
 }
 
-/// Returns the dependency cycles of a crate that consists of these files; each file is a module's path and its code.
+/// Returns the dependency cycles of a crate with these files; each file is given by its module path and its code.
 fn cycles_of_files(files: &[(&str, &str)]) -> Vec<String> {
     let mut all = Crate::default();
     for (path, code) in files {

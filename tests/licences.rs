@@ -1,4 +1,4 @@
-//! What is linked into the program and under which licences, read from `cargo metadata` and the sources of each
+//! Tests the licences of the crates that are linked into the program, from `cargo metadata` and the sources of each
 //! crate. The package's licence file is written from the same data (`tests/package/licences.rs`).
 
 use serde_json::Value;
@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 /// Licences that require only their name and text, so that the package may contain the crates. The MPL also requires a
-/// statement where the unchanged sources are: the package's licence file names each crate's repository.
+/// statement where the unchanged sources are: the package's licence file names the repository of each crate.
 const ALLOWED: [&str; 14] = [
     "0BSD",
     "Apache-2.0",
@@ -28,7 +28,7 @@ const ALLOWED: [&str; 14] = [
 /// Crates that state no licence name but contain a licence text: crate, beginning of the text, licence.
 const BY_TEXT: [(&str, &str, &str); 1] = [("pcd-rs", "MIT License", "MIT")];
 
-/// Parts of a crate that have a licence of their own: the crate, and the file with that licence's text.
+/// Parts of crates that have a separate licence: the crate, and the file with the text of this licence.
 const BESIDE: [(&str, &str); 1] = [("dejavu", "assets/dejavu-fonts-ttf-2.37/LICENSE")];
 
 /// A crate that is linked into the program.
@@ -36,18 +36,18 @@ const BESIDE: [(&str, &str); 1] = [("dejavu", "assets/dejavu-fonts-ttf-2.37/LICE
 pub struct Linked {
     /// Name and version.
     pub name: String,
-    /// The crate's licence, as SPDX writes it; empty if the crate states none.
+    /// The licence of the crate as an SPDX expression; empty if the crate states none.
     pub licence: String,
     /// The authors, as the crate states them.
     pub authors: Vec<String>,
     /// The crate's repository, if it states one.
     pub repository: String,
-    /// The crate's licence texts: file name and text.
+    /// The licence texts of the crate: file name and text.
     pub texts: Vec<(String, String)>,
 }
 
-/// Returns every crate that is linked into the program on this machine, without the program itself and without
-/// crates that only build or test it.
+/// Returns every crate that is linked into the program on this machine, without the program itself and without crates
+/// that are only used to build or test it.
 pub fn linked() -> Vec<Linked> {
     let platform = format!("{}-unknown-linux-gnu", std::env::consts::ARCH);
     let output = Command::new(option_env!("CARGO").unwrap_or("cargo"))
@@ -76,10 +76,10 @@ pub fn linked() -> Vec<Linked> {
         ahead.extend(needs.filter(is_linked).filter_map(|need| need["pkg"].as_str().map(str::to_owned)));
     }
     seen.remove(&root);
-    seen.iter().map(|id| of_package(&packages[id])).collect()
+    seen.iter().map(|id| linked_crate(&packages[id])).collect()
 }
 
-fn of_package(package: &Value) -> Linked {
+fn linked_crate(package: &Value) -> Linked {
     let text = |key: &str| package[key].as_str().unwrap_or_default().to_owned();
     let folder = PathBuf::from(text("manifest_path")).parent().expect("a folder").to_owned();
     let authors = package["authors"].as_array().into_iter().flatten().filter_map(Value::as_str);
@@ -93,7 +93,7 @@ fn of_package(package: &Value) -> Linked {
     let by_text = BY_TEXT.iter().find(|(name, begin, _)| {
         *name == text("name") && texts.values().any(|found: &String| found.starts_with(begin))
     });
-    // Before SPDX expressions, crates wrote `/` for OR.
+    // Before SPDX expressions existed, crates wrote `/` for OR.
     let stated = text("license").replace('/', " OR ");
     Linked {
         name: format!("{} {}", text("name"), text("version")),
@@ -106,7 +106,7 @@ fn of_package(package: &Value) -> Linked {
     }
 }
 
-/// Returns the files of a crate that have a usual name of a licence file.
+/// Returns the files of a crate that have the usual name of a licence file.
 fn licence_files(folder: &Path) -> Vec<PathBuf> {
     let begins = ["license", "licence", "copying", "copyright", "notice", "unlicense"];
     let entries = std::fs::read_dir(folder).expect("its sources").map(|entry| entry.expect("an entry").path());
@@ -128,7 +128,7 @@ pub fn is_allowed(licence: &str) -> bool {
 fn every_linked_crate_has_a_licence_that_the_package_may_contain() {
     let linked = linked();
     let names: Vec<&str> = linked.iter().filter_map(|it| it.name.split(' ').next()).collect();
-    // Some crates that must be in the list, and some that only tests or builds use.
+    // Some crates that must be in the list, and some that are only used by tests or builds.
     assert!(
         names.len() > 100
             && ["opencv", "libsqlite3-sys", "zstd-sys", "clap"].iter().all(|name| names.contains(name))
@@ -151,7 +151,7 @@ fn every_linked_crate_has_a_licence_that_the_package_may_contain() {
     assert_eq!(wrong, [] as [String; 0], "without a licence that is known to be right");
 }
 
-/// Checks that the rule refuses a missing licence and a licence that is not allowed.
+/// Checks that a missing licence, and a licence that is not allowed, are refused.
 #[test]
 fn a_missing_or_another_licence_is_refused() {
     for licence in ["", "GPL-3.0-only", "MIT AND GPL-2.0-only", "SomethingElse"] {

@@ -1,5 +1,5 @@
-//! Whole cycles at the request of a line: a simulated line beside the simulated cell, which knows only the
-//! controller's signals.
+//! Tests whole cycles at the request of a production line: a simulated line beside the simulated cell, which uses only
+//! the signals of the controller.
 
 use super::commands::json;
 use super::commands::taught::{LINE_INPUTS, LINE_OUTPUTS};
@@ -24,8 +24,9 @@ fn with_line(folder: &Path) {
     std::fs::write(file, text + LINE_OUTPUTS + LINE).expect("written");
 }
 
-/// After one reset by a person the line has two parts prepared, each greasy on arrival, without any further action of a
-/// person. A third start, while the recipe is missing, is refused and reported, and the line does not request it again.
+/// After one reset by a person, the line has two parts prepared, each greasy on arrival, without any further action of
+/// a person. A third start, while the recipe is missing, is refused and reported, and the line does not request it
+/// again.
 #[test]
 fn a_line_has_its_parts_prepared() {
     let folder = taught("good");
@@ -44,7 +45,7 @@ fn a_line_has_its_parts_prepared() {
         .wait("a third start is refused", |service| service.log().contains("requested a start, which was refused"));
     service.reach("idle");
     std::fs::rename(folder.join("gone.toml"), &recipe).expect("back");
-    // This is longer than the wait of a line that requests again.
+    // This time is longer than the time after which the line would repeat a request.
     std::thread::sleep(std::time::Duration::from_secs(4));
     assert_eq!(service.state(), "idle");
 
@@ -58,7 +59,7 @@ fn a_line_has_its_parts_prepared() {
         let names = PartNames { serial: None, order: Some("WO 7".to_owned()), operator: Some("Line 2".to_owned()) };
         assert_eq!(store.cycle_part(id).expect("read"), Some(names));
     }
-    // Each request is one line with its outcome, among the requests to the cell.
+    // Each request of the line is recorded once with its result, among the requests to the cell.
     let of_line = |who: &RequestAuthor| who.front == RequestSource::Line;
     let asked: Vec<(String, bool)> = store
         .requests(None, 100)

@@ -1,13 +1,12 @@
-//! Calibrations that take their own pictures, as a person at the terminal uses them.
+//! Tests calibrations that capture their own pictures, as a person at the terminal uses them.
 
 use super::commands::{json, started};
 use serde_json::Value;
 use std::io::Write;
 use std::path::Path;
 
-/// Runs a command that receives these lines as answers; returns its exit code, its JSON and the text that it
-/// printed meanwhile.
-fn answered(folder: &Path, command: &str, lines: &str) -> (i32, Value, String) {
+/// Runs a command with these lines as answers; returns its exit code, its JSON object and its printed text.
+fn run_with_answers(folder: &Path, command: &str, lines: &str) -> (i32, Value, String) {
     let mut child = started(folder, command);
     child.stdin.take().expect("its input").write_all(lines.as_bytes()).expect("it listens");
     let ended = child.wait_with_output().expect("it ends");
@@ -19,37 +18,37 @@ fn answered(folder: &Path, command: &str, lines: &str) -> (i32, Value, String) {
 const LENS: &str = "calibrate intrinsics --live shots --camera flange-camera --board 9x6 --square-mm 25 \
                     --cell cell/cell.toml --out lens.toml";
 
-/// Calibrates a lens from pictures, each taken when Enter is pressed, in two sessions; then calibrates both mounts,
+/// Calibrates a lens from pictures, each captured when Enter is pressed, in two sessions; then calibrates both mounts,
 /// with the arm moving automatically.
 #[test]
-fn a_cell_is_calibrated_by_pictures_that_are_taken_now() {
+fn a_cell_is_calibrated_by_newly_captured_pictures() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     let (exit, reported) = json(folder, "render --seed 3 --reduction 2 --seconds 5 --out cell");
     assert_eq!(exit, 0, "{reported}");
 
     let (exit, _, reported) =
-        answered(folder, "calibrate intrinsics --live shots --board 9x6 --square-mm 25 --out a.toml", "");
+        run_with_answers(folder, "calibrate intrinsics --live shots --board 9x6 --square-mm 25 --out a.toml", "");
     assert!(exit == 2 && reported.contains("--camera scanner or --camera flange-camera"), "{reported}");
-    // Too few pictures, and the terminal is closed: the command gives a verdict, and the pictures remain.
-    let (exit, found, reported) = answered(folder, LENS, "\n\n\n");
+    // There are too few pictures, and the terminal is closed: the command gives a verdict, and the pictures remain.
+    let (exit, found, reported) = run_with_answers(folder, LENS, "\n\n\n");
     assert!(exit == 1 && found["reasons"].to_string().contains("too_few_pictures"), "{exit} {found} {reported}");
     assert!(reported.contains("board_0003.png: board found, 54 of 54 corners"), "{reported}");
-    let (exit, found, reported) = answered(folder, LENS, &"\n".repeat(7));
+    let (exit, found, reported) = run_with_answers(folder, LENS, &"\n".repeat(7));
     assert!(reported.contains("3 pictures already exist, 3 of them show the board"), "{reported}");
     assert!(reported.contains("next: the board in the") && reported.contains("so far:"), "{reported}");
     assert!(exit < 2 && found["rms_px"].as_f64() < Some(0.1), "{found}");
     assert_eq!(found["images"].as_array().map(Vec::len), Some(10), "{found}");
     assert!(folder.join("lens.toml").is_file());
 
-    // Options that do not belong together are refused, and a picture that was never taken is reported.
+    // Options that do not belong together are refused, and a picture that was never captured is reported.
     let hand_eye = "calibrate hand-eye --live none --mount eye-in-hand --board 9x6 --square-mm 25 --cell cell/cell.toml \
                     --intrinsics cell/flange_camera.toml --out m.toml";
-    let (exit, _, reported) = answered(folder, &format!("{hand_eye} --camera scanner"), "");
+    let (exit, _, reported) = run_with_answers(folder, &format!("{hand_eye} --camera scanner"), "");
     assert!(exit == 2 && reported.contains("--camera"), "{reported}");
-    let (exit, _, reported) = answered(folder, &format!("{LENS} --move"), "");
+    let (exit, _, reported) = run_with_answers(folder, &format!("{LENS} --move"), "");
     assert!(exit == 2 && reported.contains("--move"), "{reported}");
-    let (exit, found, reported) = answered(folder, hand_eye, "done\n");
+    let (exit, found, reported) = run_with_answers(folder, hand_eye, "done\n");
     assert!(exit == 2 && format!("{found}{reported}").contains("0 of 0 pictures"), "{found} {reported}");
 
     for (mount, lens, file) in
@@ -59,11 +58,11 @@ fn a_cell_is_calibrated_by_pictures_that_are_taken_now() {
             "calibrate hand-eye --live {mount} --move --mount {mount} --board 9x6 --square-mm 25 --cell cell/cell.toml \
              --intrinsics cell/{lens}.toml --out {file}.toml"
         );
-        let (exit, found, reported) = answered(folder, &command, "\n");
+        let (exit, found, reported) = run_with_answers(folder, &command, "\n");
         assert!(exit < 2 && reported.contains("The arm will move by itself"), "{exit} {found} {reported}");
         assert!(reported.contains("so far:") && found["uncertainty_mm"].as_f64() < Some(0.3), "{found} {reported}");
-        // The 3D camera's mount is computed from its own points, of shots that the session took; the pictures of
-        // the same shots are the check.
+        // The mount of the 3D camera is computed from its own points, in shots that the session captured; the pictures
+        // of these shots are used as a check.
         let shots = std::fs::read_dir(folder.join(mount)).expect("a folder").flatten();
         let has_points = shots.filter(|file| file.path().extension().is_some_and(|ending| ending == "pcd")).count();
         let apart_mm = found["second"]["apart_mm"].as_f64();
@@ -89,7 +88,7 @@ fn a_cell_is_calibrated_by_pictures_that_are_taken_now() {
 /// Calibrates a tool by poses that a person reads from the pendant, because no controller answers. An answer that is
 /// not a pose is not stored.
 #[test]
-fn a_tool_is_calibrated_by_poses_that_are_read_now() {
+fn a_tool_is_calibrated_by_poses_from_the_pendant() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     let (exit, reported) = json(folder, "render --seed 3 --reduction 8 --seconds 5 --boards --out cell");
@@ -105,15 +104,15 @@ fn a_tool_is_calibrated_by_poses_that_are_read_now() {
         poses[table].as_array().expect("poses").iter().map(one).collect()
     };
     let tcp = "calibrate tcp --live tip --cell cell/cell.toml --out tool.toml";
-    let (exit, _, reported) = answered(folder, tcp, "doen\ndone\n");
+    let (exit, _, reported) = run_with_answers(folder, tcp, "doen\ndone\n");
     assert!(exit == 2 && reported.contains("\"doen\" is not a valid answer"), "{reported}");
     let lines = format!("{}axis\n{}done\n", typed("poses"), typed("axis"));
-    let (exit, found, reported) = answered(folder, tcp, &lines);
+    let (exit, found, reported) = run_with_answers(folder, tcp, &lines);
     assert_eq!((exit, found["axis_measured"].as_bool()), (0, Some(true)), "{found} {reported}");
     assert!(reported.contains("so far: ") && reported.contains("Enter the flange's pose"), "{reported}");
     let off_mm = (found["flange_from_tool"]["z_mm"].as_f64().expect("a number") - 120.0).abs();
     assert!(off_mm < 0.1, "the simulated tool is 120 mm long: {found}");
-    let (exit, _, reported) = answered(folder, tcp, "done\n");
+    let (exit, _, reported) = run_with_answers(folder, tcp, "done\n");
     assert!(exit == 0 && reported.contains("5 poses of the tip and 2 of the axis already exist"), "{reported}");
 }
 

@@ -1,4 +1,4 @@
-//! Localization on the simulated cell, whose truth is known.
+//! Tests the localization on the simulated cell, whose ground truth is known.
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use panelprep::geometry::{Base, Camera, Flange, FlangeCamera, OrganizedCloud, Panel, Pixel, Rigid, Vector};
@@ -12,7 +12,7 @@ use panelprep::sim::{
 };
 use panelprep::verdict::{Judgement, Verdict};
 
-/// Returns the range errors of the trials' camera, which has no error in scale.
+/// Returns the range errors of the trials' camera, which has no scale error.
 fn range() -> RangeErrors {
     RangeErrors { scale: 0.0, ..RangeErrors::default() }
 }
@@ -20,7 +20,7 @@ fn range() -> RangeErrors {
 fn recipe(cell: &Cell, which: &str) -> Recipe {
     let region = cell.region();
     let corners: Vec<String> = region.corners_px.iter().map(|p| format!("[{:.2}, {:.2}]", p.u, p.v)).collect();
-    // The search box is large enough for the farthest panels; the fixture lies behind the box.
+    // The search box is large enough for the farthest panels; the fixture is behind the box.
     let [[x0, y0, z0], [x1, y1, z1]] = SEARCH_BOX_MM;
     let (low, high) = ([x0, y0 - 60.0, z0 - 60.0], [x1, y1 + 60.0, z1 + 60.0]);
     let text = format!(
@@ -60,7 +60,7 @@ impl Bench {
     }
 }
 
-/// Two corners taught and seen again, in the order of the cell's views.
+/// Two corners that were taught and are viewed again, in the order of the cell's views.
 struct Corners {
     taught: Vec<TaughtCorner>,
     seen: Vec<(Rigid<Base, FlangeCamera>, Pixel)>,
@@ -106,7 +106,7 @@ impl Bench {
         refine::refine(located, self.cell.flange_camera(), &views).unwrap_or_else(|error| panic!("{error}"))
     }
 
-    /// Returns the distance of a corner from its true position, in the plane of the camera that sees it, mm.
+    /// Returns the distance of a corner from its true position, in the plane of the camera that views it, mm.
     fn error_in_plane_mm(&self, found: Rigid<Base, Panel>, corners: &Corners, index: usize) -> f64 {
         let truth = self.cell.truth();
         let camera_from_base = corners.seen[index].0.inverse();
@@ -138,13 +138,13 @@ fn a_displaced_panel_is_found_and_its_corner_corrects_it() {
         let error_mm = bench.error_in_plane_mm(refined.base_from_panel, &corners, 0);
         assert!(error_mm < 0.3, "{count}: {error_mm} mm, {refined:?}");
     }
-    // From a start 2 mm to the side, the corner corrects the panel's pose without 3D data.
+    // From a start pose 2 mm to the side, the corner corrects the panel's pose without 3D data.
     let aside = fit.base_from_panel.followed_by_displacement(Vector::new([0.0, 1.2, -1.6].into()));
     let refined = bench.refine(aside, &corners, 1);
     assert!(bench.error_in_plane_mm(refined.base_from_panel, &corners, 0) < 0.2, "{refined:?}");
 }
 
-/// Near the limits that a recipe has by default: 59 mm, 14° in the panel's plane, 10° of tilt.
+/// The panel is near the default limits of a recipe: 59 mm, 14° in the panel's plane, 10° of tilt.
 #[test]
 fn a_far_panel_is_found() {
     let bench = Bench::new(2, Scene::Clean, 2);
@@ -199,9 +199,9 @@ fn one_and_two_threads_give_bit_identical_results() {
     assert_eq!(with(1), with(2));
 }
 
-/// Returns the number of reasons with a picture that is not the plain scan picture.
-fn pictures(trial: &TrialScene, judgement: &Judgement, fit: Option<&Fit>) -> usize {
-    let (taught, recipe) = learnt(trial);
+/// Returns the number of reasons with a picture that differs from the plain picture of the scan.
+fn reason_picture_count(trial: &TrialScene, judgement: &Judgement, fit: Option<&Fit>) -> usize {
+    let (taught, recipe) = taught(trial);
     let (scan, camera, base_from_camera) = (trial.scan(), trial.camera(), trial.base_from_camera());
     let view = ScanView { scan: &scan, camera, base_from_camera, range: range() };
     let model = TaughtModel::from_panel(&taught, view.range).expect("a panel was taught");
@@ -212,8 +212,8 @@ fn pictures(trial: &TrialScene, judgement: &Judgement, fit: Option<&Fit>) -> usi
 }
 
 /// Teaches a panel of any shape and locates it in a scene that may have a defect.
-fn tried(trial: &TrialScene) -> (Judgement, Option<Fit>) {
-    let (taught, recipe) = learnt(trial);
+fn teach_and_locate(trial: &TrialScene) -> (Judgement, Option<Fit>) {
+    let (taught, recipe) = taught(trial);
     let (camera, base_from_camera) = (trial.camera(), trial.base_from_camera());
     match locate::locate(
         &taught,
@@ -225,12 +225,12 @@ fn tried(trial: &TrialScene) -> (Judgement, Option<Fit>) {
     }
 }
 
-fn learnt(trial: &TrialScene) -> (TaughtPanel, Recipe) {
-    learnt_with(trial, "")
+fn taught(trial: &TrialScene) -> (TaughtPanel, Recipe) {
+    taught_with(trial, "")
 }
 
 /// Teaches the trial's panel with additional keys in the recipe.
-fn learnt_with(trial: &TrialScene, keys: &str) -> (TaughtPanel, Recipe) {
+fn taught_with(trial: &TrialScene, keys: &str) -> (TaughtPanel, Recipe) {
     let corners = trial.region_px().map(|pixel| [pixel.u, pixel.v]);
     let [low, high] = TRIAL_BOX_MM;
     let text = format!(
@@ -245,12 +245,12 @@ fn learnt_with(trial: &TrialScene, keys: &str) -> (TaughtPanel, Recipe) {
     (taught, recipe)
 }
 
-/// Finds twenty shapes at half size anywhere in the box, at any rotation, tilted by up to 30°, among other objects.
+/// Locates twenty shapes at half size anywhere in the box, at any rotation, tilted by up to 30°, among other objects.
 #[test]
 fn panels_of_many_shapes_are_found_at_any_place_where_they_are() {
     let accepted = (1..=20).filter(|&seed| {
         let trial = TrialScene::good_scene(seed, 2);
-        let (judgement, fit) = tried(&trial);
+        let (judgement, fit) = teach_and_locate(&trial);
         let fit = fit.unwrap_or_else(|| panic!("seed {seed}: {judgement:?}"));
         let error = trial.error_mm(&fit.base_from_panel);
         assert!(error.max_mm < 0.3 && error.max_mm < 1.5 * fit.uncertainty_mm, "seed {seed}: {error:?}, {fit:?}");
@@ -260,16 +260,16 @@ fn panels_of_many_shapes_are_found_at_any_place_where_they_are() {
 }
 
 /// Teaches the trial's panel with an outline that was drawn by hand.
-fn drawn(trial: &TrialScene) -> (TaughtPanel, Recipe) {
+fn taught_with_drawn_outline(trial: &TrialScene) -> (TaughtPanel, Recipe) {
     let corners: Vec<[f64; 2]> = trial.outline_px().iter().map(|pixel| [pixel.u, pixel.v]).collect();
-    learnt_with(trial, &format!(", outline_px = {corners:?}"))
+    taught_with(trial, &format!(", outline_px = {corners:?}"))
 }
 
 /// The sideways position of a flat plate is determined only by its outline. A holder in the plate's own plane, which
-/// was absent at teaching, makes no step in depth. If the recipe names the holder's position, the plate is found within
-/// the stated error; otherwise it is not accepted.
+/// was absent at teaching, causes no step in depth. If the recipe contains the holder's position, the plate is located
+/// within the stated error; otherwise the result is not accepted.
 #[test]
-fn a_named_holder_in_the_panels_plane_is_left_out() {
+fn a_named_holder_in_the_panels_plane_is_excluded() {
     for seed in [1, 6] {
         let (alone, held) = (TrialScene::flat_scene(seed, 2), TrialScene::flat_scene(seed, 2).with_holder());
         let place: Vec<[[f64; 2]; 4]> =
@@ -277,7 +277,7 @@ fn a_named_holder_in_the_panels_plane_is_left_out() {
         let (scan, camera, base_from_camera) = (held.scan(), held.camera(), held.base_from_camera());
         let view = ScanView { scan: &scan, camera, base_from_camera, range: range() };
         let located = |keys: &str| {
-            let (taught, recipe) = learnt_with(&alone, keys);
+            let (taught, recipe) = taught_with(&alone, keys);
             let fit = locate::locate(&taught, &view, recipe.locate()).expect("found");
             (gate::judge(&fit, &recipe), fit)
         };
@@ -290,13 +290,13 @@ fn a_named_holder_in_the_panels_plane_is_left_out() {
     }
 }
 
-/// A drawn outline, one pixel off at its corners, teaches the same panel: the edges beside the outline are
-/// measured. A corner of the region that lies among missing points is on the panel in this case.
+/// If an outline is drawn with errors of one pixel at its corners, the same panel is taught, because the edges near the
+/// outline are measured. A corner of the region that is among missing points is on the panel in this case.
 #[test]
 fn a_drawn_outline_replaces_missing_points() {
     let trial = TrialScene::flat_scene(3, 2).with_missing_patches(0.4);
-    let (drawn, recipe) = drawn(&trial);
-    let (whole, _) = learnt(&TrialScene::flat_scene(3, 2));
+    let (drawn, recipe) = taught_with_drawn_outline(&trial);
+    let (whole, _) = taught(&TrialScene::flat_scene(3, 2));
     let (area, of) = (drawn.mask.count() as f64, whole.mask.count() as f64);
     assert!((0.5..0.7).contains(&(area / of)), "{area} of {of} points");
     let (scan, base_from_camera) = (TrialScene::flat_scene(3, 2).taught_scan(), trial.base_from_camera());
@@ -307,37 +307,36 @@ fn a_drawn_outline_replaces_missing_points() {
     assert!(seen.by_colour > 0.5 && seen.unseen < 0.45, "{seen:?}");
 }
 
-/// Half of the points are missing, in patches as wide as a grid. The edges of the grids are still within a
-/// millimetre of the edges from the whole scan. A few points in a row beside a hole once moved them by hundreds of
-/// millimetres.
+/// Half of the points are missing, in patches as wide as a grid. The edges of the grids are still within a millimetre
+/// of the edges from the whole scan. A few points in a row beside a hole once moved them by hundreds of millimetres.
 #[test]
 fn a_hole_at_a_grids_edge_is_bridged() {
     for seed in [3, 9] {
-        let (whole, _) = drawn(&TrialScene::good_scene(seed, 1));
-        let (patchy, _) = drawn(&TrialScene::good_scene(seed, 1).with_missing_patches(0.5));
+        let (whole, _) = taught_with_drawn_outline(&TrialScene::good_scene(seed, 1));
+        let (patchy, _) = taught_with_drawn_outline(&TrialScene::good_scene(seed, 1).with_missing_patches(0.5));
         let pairs = whole.grids.iter().zip(&patchy.grids).flat_map(|(a, b)| a.edge.iter().zip(&b.edge));
         let off_mm = pairs.map(|(a, b)| (*a).distance_mm(*b)).fold(0.0, f64::max);
         assert!(off_mm < 1.0, "seed {seed}: {off_mm} mm");
     }
 }
 
-/// Bright discs on a flat plate determine its sideways position better than its outline alone: the sideways error
-/// shrinks and stays within the stated error. A plate that looks the same in a mirror, with the discs of its mirror
-/// image, is not accepted.
+/// Bright discs on a flat plate determine its sideways position better than its outline alone: the sideways error is
+/// smaller and within the stated error. A plate that looks the same in a mirror, with the discs of its mirror image, is
+/// not accepted.
 #[test]
 fn marks_locate_a_flat_panel_and_distinguish_it_from_its_mirror_image() {
     for seed in [2, 5] {
         let trial = TrialScene::flat_scene(seed, 1).with_marks();
-        let (judgement, fit) = tried(&trial);
+        let (judgement, fit) = teach_and_locate(&trial);
         let fit = fit.expect("found");
-        let (without, plain) = tried(&TrialScene::flat_scene(seed, 1));
+        let (without, plain) = teach_and_locate(&TrialScene::flat_scene(seed, 1));
         let error = trial.error_mm(&fit.base_from_panel);
         assert_eq!((judgement.verdict, without.verdict), (Verdict::Accept, Verdict::Accept), "{judgement:?}");
         assert!(error.max_mm < fit.uncertainty_mm, "seed {seed}: {error:?} {}", fit.uncertainty_mm);
         assert!(fit.marks_found.expect("marks") > 0.9, "{:?}", fit.marks_found);
         let plain = plain.expect("found");
         assert_eq!(plain.marks_found, None, "a plain plate has none, its weave is no mark");
-        // The largest of the three values is left out: along the normal, the scan's own error counts, and no mark
+        // The largest of the three values is omitted: along the normal, the error is that of the scan, and no mark
         // reduces this error.
         let sideways_mm = |fit: &Fit| {
             let shifts = fit.covariance.fixed_view::<3, 3>(3, 3).into_owned().symmetric_eigenvalues();
@@ -346,20 +345,20 @@ fn marks_locate_a_flat_panel_and_distinguish_it_from_its_mirror_image() {
         assert!(sideways_mm(&fit) < 0.9 * sideways_mm(&plain), "{} {}", sideways_mm(&fit), sideways_mm(&plain));
     }
     let mirrored = TrialScene::defective_scene(1, SceneDefect::MirroredMarks, 1);
-    let (judgement, fit) = tried(&mirrored);
+    let (judgement, fit) = teach_and_locate(&mirrored);
     assert_ne!(judgement.verdict, Verdict::Accept, "{judgement:?}");
     assert!(judgement.reasons.iter().any(|reason| reason.code == "marks_differ"), "{judgement:?}");
-    assert_eq!(pictures(&mirrored, &judgement, fit.as_ref()), judgement.reasons.len());
+    assert_eq!(reason_picture_count(&mirrored, &judgement, fit.as_ref()), judgement.reasons.len());
 }
 
-/// By hand: 0.05 % of 700 mm is 0.35 mm along the view, which no residual shows. If the camera was measured to vary
-/// by this from scan to scan, the stated error includes it. The error without this part is reported separately from
-/// the error at the taught place.
+/// Expected value, calculated by hand: 0.05 % of 700 mm is 0.35 mm along the view, which no residual shows. If this
+/// variation of the camera from scan to scan was measured, the stated error includes it. The error without this
+/// component is reported separately from the error at the taught place.
 #[test]
 fn the_stated_error_includes_the_scale_error_of_the_camera() {
     let trial = TrialScene::good_scene(3, 4).with_scale_error([0.0, 0.0005]);
     let (scan, camera, base_from_camera) = (trial.scan(), trial.camera(), trial.base_from_camera());
-    let (taught, recipe) = learnt(&trial);
+    let (taught, recipe) = taught(&trial);
     let located = |range| {
         let view = ScanView { scan: &scan, camera, base_from_camera, range };
         let fit = locate::locate(&taught, &view, recipe.locate()).expect("found");
@@ -389,7 +388,7 @@ fn the_stated_error_includes_the_scale_error_of_the_camera() {
 /// millimetre.
 #[test]
 fn a_camera_that_moved_is_found_by_the_fixture() {
-    let camera = |trial: &TrialScene| tried(trial).1.and_then(|fit| fit.camera).expect("a fixture");
+    let camera = |trial: &TrialScene| teach_and_locate(trial).1.and_then(|fit| fit.camera).expect("a fixture");
     let still = camera(&TrialScene::good_scene(2, 4));
     assert!(
         still.uncertainty_mm < 0.4 && still.moved_mm < still.uncertainty_mm && still.unmoved_share > 0.9,
@@ -399,14 +398,14 @@ fn a_camera_that_moved_is_found_by_the_fixture() {
     assert!(moved.unmoved_share < 0.4 || moved.moved_mm - moved.uncertainty_mm > 0.25, "{moved:?}");
 }
 
-/// One scene of each kind that must not be accepted, at a quarter of the size; each of its reasons has a picture. A
-/// panel whose warp has grown by less than the recipe's 2 mm is still accepted if its outline lies on its edges.
+/// Tests one scene of each kind that must not be accepted, at a quarter of the size; each of its reasons has a picture.
+/// A panel whose warp has increased by less than the recipe's 2 mm is still accepted if its outline matches its edges.
 #[test]
 fn bad_scenes_are_never_accepted() {
     for &wrong in SceneDefect::ALL {
         let trial = TrialScene::defective_scene(1, wrong, 4);
-        let (judgement, fit) = tried(&trial);
-        let pictures = pictures(&trial, &judgement, fit.as_ref());
+        let (judgement, fit) = teach_and_locate(&trial);
+        let pictures = reason_picture_count(&trial, &judgement, fit.as_ref());
         assert_eq!(pictures, judgement.reasons.len(), "{wrong:?}: {judgement:?}");
         let found = fit.map(|fit| fit.base_from_panel);
         if wrong == SceneDefect::Warped && judgement.verdict == Verdict::Accept {

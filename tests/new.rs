@@ -1,4 +1,4 @@
-//! `panelprep new cell` and `new recipe` as a user runs them: by options, and by answers on the terminal.
+//! Tests `panelprep new cell` and `new recipe` as a user runs them: with options, and with answers on the terminal.
 
 use super::commands::json;
 use std::fs;
@@ -8,7 +8,7 @@ use std::process::{Command, Stdio};
 
 const CELL: &str = "new cell --yes --no-search";
 
-/// Returns what `check` reports of a file, and whether the file is sufficient for a cycle.
+/// Returns what `check` reports for a file, and whether the file is sufficient for a cycle.
 fn check(folder: &Path, files: &str) -> (i32, String) {
     let (exit, told) = json(folder, &format!("check {files}"));
     (exit, told.to_string())
@@ -47,7 +47,7 @@ fn each_kind_of_cell_is_written_as_check_accepts_it() {
         for (table, kind) in [("scanner", scanner), ("flange_camera", flange_camera), ("robot", robot)] {
             assert_eq!(cell[table]["kind"].as_str(), Some(kind), "{options}: {text}");
         }
-        // The file is for a person to read: it contains the explanations of the sample files.
+        // The file is intended for people: it contains the explanations of the sample files.
         assert!(text.matches('#').count() > 20 && !text.contains("../target/demo"), "{text}");
         let to_check = output["to_check"].as_array().expect("a list").len();
         assert_eq!(
@@ -63,7 +63,7 @@ fn each_kind_of_cell_is_written_as_check_accepts_it() {
     assert_eq!(cell["store"].as_str(), Some("/var/lib/panelprep"));
     assert_eq!(cell["poses"]["park"]["a2_deg"].as_float(), Some(-100.0), "as answered");
     assert_eq!(cell["limits"]["box_max_mm"].to_string(), "[700.0, 400.0, 800.0]");
-    // The surroundings of another cell, and values that only a person may state, are not copied.
+    // The obstacles of another cell, and values that only a person may state, are not copied.
     assert!(["rough", "arm", "keep_out"].iter().all(|table| cell.get(*table).is_none()), "{real}");
     assert!(cell["limits"].get("tool_error_mm").is_none() && real.contains("# tool_error_mm = "), "{real}");
     let by_address: toml::Table =
@@ -152,7 +152,7 @@ fn a_recipe_has_the_answers_and_the_samples_comments() {
     assert_eq!(exit, 0, "{reported}");
 }
 
-/// A recipe states a force if the cell's tool presses by itself, and only then.
+/// A recipe contains a force if and only if the cell's tool controls its force.
 #[test]
 fn a_recipe_for_a_compliant_tool_has_its_force() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -188,7 +188,7 @@ fn a_recipe_for_a_compliant_tool_has_its_force() {
 }
 
 /// Returns the questions and messages that `new cell` prints to a person who gives these answers.
-fn answered(folder: &Path, options: &str, answers: &str) -> String {
+fn printed_questions(folder: &Path, options: &str, answers: &str) -> String {
     let mut child = Command::new(env!("CARGO_BIN_EXE_panelprep"))
         .args("new cell --no-search --out cell.toml".split(' ').chain(options.split_whitespace()))
         .current_dir(folder)
@@ -204,15 +204,15 @@ fn answered(folder: &Path, options: &str, answers: &str) -> String {
     asked
 }
 
-/// An answer that the cell cannot have is refused immediately, and only this question is asked again; the other
-/// answers stay.
+/// An answer that the cell cannot have is refused immediately, and only this question is asked again; the other answers
+/// remain.
 #[test]
 fn an_answer_that_the_cell_cannot_have_is_asked_again() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     let cameras = "simulated\nzivid\nsimulated\ngige\n221600123\n";
     let motion = "0,0,0,0,0,0\n-90,-300,120,0,60,0\n-90,-100,110,0,60,0\n900,-450,50\n\n0.2,-0.4,0\n0.7,0.4,0.9\n\n800,400,900\n";
-    let asked = answered(folder, "--robot eki --host 172.31.1.147", &format!("{cameras}{motion}\n"));
+    let asked = printed_questions(folder, "--robot eki --host 172.31.1.147", &format!("{cameras}{motion}\n"));
     for (words, times) in [
         ("the fixed 3D camera: simulated or zivid [zivid]", 2),
         ("\"simulated\": scanner.kind: found \"simulated\"", 1),
@@ -233,7 +233,7 @@ fn an_answer_that_the_cell_cannot_have_is_asked_again() {
     assert_eq!(cell["poses"]["park"]["a2_deg"].as_float(), Some(-100.0));
     assert_eq!(cell["limits"]["box_min_mm"].to_string(), "[250.0, -450.0, 50.0]", "as proposed");
     assert_eq!(cell["limits"]["box_max_mm"].to_string(), "[800.0, 400.0, 900.0]");
-    // The poses that the next pages of the manual use are prepared, to be filled in.
+    // The poses that the following pages of the manual use are prepared, to be filled in.
     assert!(text.contains("# [poses.ready]") && text.contains("# [poses.verify]"), "{text}");
     // Given as options, the same values are refused with the option's name.
     let real = "--robot eki --host 172.31.1.147 --scanner zivid --flange-camera-serial 1";
@@ -248,16 +248,16 @@ fn an_answer_that_the_cell_cannot_have_is_asked_again() {
         assert!(exit == 2 && output.contains(words), "{given}: {output}");
         assert!(!folder.join("no.toml").exists());
     }
-    // A controller on this machine is a mock controller: the cameras may be simulated.
+    // A controller on this machine is a mock controller, so the cameras may be simulated.
     let (exit, output) = json(folder, &format!("{CELL} --robot eki --host 127.0.0.1 --out here.toml"));
     assert_eq!(exit, 0, "{output}");
 }
 
-/// On the terminal, an empty line accepts the proposal, and a wrong answer is asked again.
+/// On the terminal, an empty line accepts the proposal, and after a wrong answer the question is repeated.
 #[test]
 fn answers_are_read_from_the_terminal() {
     let folder = tempfile::tempdir().expect("a folder");
-    let asked = answered(folder.path(), "", "\nkinect\nzivid\ngige\n221600123\n\n");
+    let asked = printed_questions(folder.path(), "", "\nkinect\nzivid\ngige\n221600123\n\n");
     assert!(asked.contains("the fixed 3D camera: simulated or zivid [simulated]"), "{asked}");
     assert!(asked.contains("\"kinect\": valid: simulated or zivid"), "{asked}");
     let text = fs::read_to_string(folder.path().join("cell.toml")).expect("written");

@@ -1,5 +1,5 @@
-//! A panel that is taught from its drawing, on the simulated cell, whose truth is known; compared with the same panel
-//! taught by a scan.
+//! Tests a panel that is taught from its drawing, on the simulated cell, whose ground truth is known; compared with the
+//! same panel taught by a scan.
 
 use super::commands::{json, panelprep};
 use panelprep::files::{read_mesh, write_stl};
@@ -11,7 +11,7 @@ use panelprep::recipe::Recipe;
 use panelprep::sim::{Cell, SEARCH_BOX_MM, Scene};
 use panelprep::verdict::Verdict;
 
-/// Returns the recipe of the simulated panel, with the place of its drawing if it is taught from it.
+/// Returns the recipe of the simulated panel, with the place of its drawing if it is taught from the drawing.
 fn recipe(cell: &Cell, is_drawn: bool) -> Recipe {
     let region = cell.region();
     let corners: Vec<String> = region.corners_px.iter().map(|p| format!("[{:.2}, {:.2}]", p.u, p.v)).collect();
@@ -32,8 +32,8 @@ fn recipe(cell: &Cell, is_drawn: bool) -> Recipe {
     Recipe::check("recipe.toml", &text).unwrap_or_else(|problems| panic!("{problems}"))
 }
 
-/// Returns what the cell's 3D camera sees of the exported drawing.
-fn drawn(cell: &Cell) -> OrganizedCloud<Camera> {
+/// Returns a scan of the exported drawing by the cell's 3D camera.
+fn scan_of_drawing(cell: &Cell) -> OrganizedCloud<Camera> {
     let (mesh, base_from_drawing) = cell.drawing();
     let mesh = read_mesh(&write_stl(&mesh)).unwrap_or_else(|error| panic!("{error}"));
     let part = Part::choose(mesh, None, None).unwrap_or_else(|error| panic!("{error}"));
@@ -46,7 +46,7 @@ fn drawn(cell: &Cell) -> OrganizedCloud<Camera> {
     seen.and_then(|seen| seen.cloud()).expect("the drawing is seen")
 }
 
-/// A panel, the recipe by which it was taught, and the cell.
+/// A taught panel, the recipe with which it was taught, and the cell.
 struct Taught<'a> {
     cell: &'a Cell,
     recipe: Recipe,
@@ -69,12 +69,12 @@ impl<'a> Taught<'a> {
     }
 }
 
-/// Returns the largest distance, mm, between the panel's points, as `base_from_panel` places them, and the same points
-/// as the calibrated camera measures them.
+/// Returns the maximum distance, mm, between the panel's points placed by `base_from_panel` and the same points
+/// measured by the calibrated camera.
 ///
 /// The calibrated mount of the camera has an error. The points of a panel that was taught by a scan have the same error
-/// in its frame. The points of a drawing, whose frame is then the panel's, do not have it. The test compares the
-/// positions at which the tool meets the points.
+/// in its frame. The points of a drawing, whose frame is then the panel's frame, do not have it. The test compares the
+/// positions at which the tool touches the points.
 fn contact_error_mm(cell: &Cell, base_from_panel: Rigid<Base, Panel>, is_drawn: bool) -> f64 {
     let truth = cell.truth();
     let base_from_base = cell.calibrated_base_from_camera() * truth.base_from_camera.inverse();
@@ -97,7 +97,7 @@ fn a_panel_from_its_drawing_is_found_as_one_that_was_scanned() {
         let cell = Cell::new(seed, Scene::Good, 2);
         let scan = cell.scan();
         let by_scan = Taught::new(&cell, &cell.taught_scan(), false);
-        let by_drawing = Taught::new(&cell, &drawn(&cell), true);
+        let by_drawing = Taught::new(&cell, &scan_of_drawing(&cell), true);
         assert_eq!(by_scan.panel.reference, TaughtSource::Scan);
         assert!(matches!(by_drawing.panel.reference, TaughtSource::Drawing));
         let [scanned, located] = [by_scan.locate(&scan), by_drawing.locate(&scan)];
@@ -133,7 +133,7 @@ fn region_mm() -> [[f64; 3]; 4] {
     })
 }
 
-/// Checks that the drawing's frame lies at the panel's true pose, within the stated error plus the mount's error of 0.3
+/// Checks that the drawing's frame is at the panel's true pose, within the stated error plus the mount's error of 0.3
 /// mm.
 fn assert_base_from_drawing(located: &serde_json::Value) {
     let cell = Cell::new(1, Scene::Good, 4);
@@ -149,7 +149,7 @@ fn assert_base_from_drawing(located: &serde_json::Value) {
 }
 
 /// The command refuses the drawing if its unit or its place is missing, and stores nothing. With both it teaches the
-/// panel, corners included, and `locate` accepts the scan.
+/// panel with its corners, and `locate` accepts the scan.
 #[test]
 fn teach_from_a_drawing_and_locate() {
     let folder = tempfile::tempdir().expect("a folder");

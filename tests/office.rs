@@ -1,8 +1,8 @@
-//! Records on their way from a cell to the office and back, with a real broker and a real database, as people use
-//! them.
+//! Tests the transfer of records from a cell to the office server and back, with a real broker and a real database, as
+//! people use them.
 //!
-//! `losses` has the tests in which records are lost or servers are killed, `contradictions` those with false
-//! records, `people` those with people who look at the records.
+//! `losses` contains the tests in which records are lost or servers are killed, `contradictions` those with false
+//! records, `people` those with people who view the records.
 
 mod contradictions;
 mod losses;
@@ -17,7 +17,7 @@ use panelprep::store::Store;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Lets a rendered cell send its records to this broker.
+/// Sets the broker to which a rendered cell sends its records.
 fn with_office(folder: &Path, broker_port: u16) {
     let file = folder.join("cell/cell.toml");
     let cell = fs::read_to_string(&file).expect("a cell");
@@ -25,7 +25,7 @@ fn with_office(folder: &Path, broker_port: u16) {
     fs::write(file, cell + &office).expect("written");
 }
 
-/// Runs a cell with `[office]` as people use it: one cycle, and the proof afterwards.
+/// Runs a cell with `[office]` as people use it: one cycle, and the verification of its records afterwards.
 #[test]
 fn a_cycle_of_the_service_is_in_the_office_with_its_pictures_and_is_proven_there() {
     let Some(plant) = Plant::start() else { return };
@@ -36,17 +36,18 @@ fn a_cycle_of_the_service_is_in_the_office_with_its_pictures_and_is_proven_there
     service.done(&format!("{START} --part SN-0017 --wait"));
     let store = Store::open(&folder.path().join("cell/store")).expect("a store");
     service.wait("its record is signed", |_| !store.signatures().expect("read").is_empty());
-    let found = plant.holds("cell-1", &folder.path().join("cell/store"));
+    let found = plant.wait_until_archived("cell-1", &folder.path().join("cell/store"));
     assert!(count(&found, "records") >= 3 && count(&found, "signatures") == 1, "{found}");
     assert_eq!(found["cells"][0]["same"], found["cells"][0]["records"]);
     assert!(count(&found, "files") > 5, "pictures: {found}");
-    // A list that a person carries to the office proves the same as the check over the network.
+    // With a list that a person carries to the office server, the verification gives the same result as over the
+    // network.
     let (exit, list) = json(folder.path(), "store list --cell cell/cell.toml");
     assert_eq!(exit, 0, "{list}");
     let carried = plant.folder.path().join("cell-1.json");
     fs::write(&carried, list.to_string()).expect("written");
     assert_eq!(plant.check(&format!("cell-1={}", carried.display())).0, 0);
-    // A picture that a person changed at the office is named.
+    // A picture that a person changed on the office server is reported.
     let files: Vec<PathBuf> = walk(&plant.folder.path().join("files"));
     fs::write(&files[0], b"another picture").expect("spoilt");
     let (exit, found) = plant.check("");
@@ -63,10 +64,10 @@ fn walk(folder: &Path) -> Vec<PathBuf> {
     files
 }
 
-/// A robot does the same without an office, with one whose broker never answers, and with one that accepts
-/// everything.
+/// A robot moves in the same way without an office server, with one whose broker never answers, and with one that
+/// accepts everything.
 #[test]
-fn the_office_changes_nothing_of_what_the_robot_does() {
+fn the_office_server_does_not_change_the_robots_motion() {
     let Some(plant) = Plant::start() else { return };
     let with = |broker_port: Option<u16>| {
         let folder = taught("good");
@@ -76,7 +77,7 @@ fn the_office_changes_nothing_of_what_the_robot_does() {
         one_cycle(&Service::start(folder.path()));
         trace(folder.path())
     };
-    // It accepts connections and sends nothing.
+    // This server accepts connections and sends nothing.
     let silent = std::net::TcpListener::bind("127.0.0.1:0").expect("a port");
     let without = with(None);
     assert!(without.iter().any(|line| line.contains("Contact")), "it abrades: {without:#?}");

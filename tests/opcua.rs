@@ -1,7 +1,7 @@
-//! The OPC UA server as third-party clients see it: `asyncua` in its own Python below `target/`, and bytes that are
+//! Tests the OPC UA server with third-party clients: `asyncua` in a separate Python below `target/`, and bytes that are
 //! not OPC UA.
 //!
-//! `make test` installs `asyncua` if it is available; the product needs neither it nor Python.
+//! `make test` installs `asyncua` if it is available; the product needs neither `asyncua` nor Python.
 
 use super::operator_page::add_account;
 use super::service::{Service, taught};
@@ -18,7 +18,7 @@ use std::process::Command;
 use std::time::Duration;
 use strum::VariantArray;
 
-/// Returns the Python that has `asyncua`; without it, prints that the server was not tested.
+/// Returns the Python with `asyncua`; without it, prints that the server was not tested.
 fn python() -> Option<PathBuf> {
     let python = Path::new(env!("CARGO_MANIFEST_DIR")).join("target/opcua/bin/python");
     let has = Command::new(&python).args(["-c", "import asyncua"]).output().is_ok_and(|told| told.status.success());
@@ -58,15 +58,15 @@ fn write_tables(folder: &Path) -> PathBuf {
     file
 }
 
-/// Waits until the server listens: it makes its certificate first, and the cell does not wait for it.
-fn serves(address: &str, service: &Service) {
+/// Waits until the server listens: it creates its certificate first, and the cell does not wait for it.
+fn wait_until_listening(address: &str, service: &Service) {
     service.wait("the OPC UA server listens", |_| std::net::TcpStream::connect(address).is_ok());
 }
 
-/// Runs a client that does what this script states, to its end.
+/// Runs a client with this script, to its end.
 fn client(python: &Path, script: &str, (address, folder): (&str, &Path), service: &Service) {
     let here = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/opcua");
-    serves(address, service);
+    wait_until_listening(address, service);
     let told = Command::new(python)
         .arg(here.join(script))
         .arg(format!("opc.tcp://{address}/"))
@@ -92,7 +92,7 @@ fn a_line_sees_and_runs_the_cell_as_each_role() {
     let folder = taught("clean");
     let folder = folder.path();
     let address = with_opcua(folder, "");
-    // A recipe that allows less shift than the panel has: its cycle is rejected.
+    // A recipe that permits less shift than the panel has: its cycle is rejected.
     let recipe = std::fs::read_to_string(folder.join("cell/recipe.toml")).expect("a recipe");
     let strict = recipe.replace("[locate]\n", "[locate]\nmax_shift_mm = 1.0\n");
     assert_ne!(strict, recipe);
@@ -136,7 +136,7 @@ fn a_line_sees_and_runs_the_cell_as_each_role() {
     let todo = unknown.refused.as_deref().unwrap_or_default();
     assert!(todo.contains("move the certificate from rejected to trusted"), "{unknown:?}");
 
-    // The record names the caller, as it does for requests from the page.
+    // The record contains the caller, as for requests from the page.
     let store = Store::open(&folder.join("cell/store")).expect("a store");
     let record = store.cycle(CycleId(2)).expect("read");
     let who: Vec<String> = record
@@ -148,7 +148,7 @@ fn a_line_sees_and_runs_the_cell_as_each_role() {
         .collect();
     assert!(who.contains(&"operator, through OPC UA".to_owned()), "{who:?}");
     assert!(who.contains(&"viewer, through OPC UA".to_owned()), "a viewer stopped it: {who:?}");
-    // A flood of a thousand calls leaves only a few lines in the audit trail.
+    // A flood of a thousand calls causes only a few entries in the audit trail.
     let lines =
         audit.iter().filter(|line| line.refused.as_deref() == Some("too many calls in a short time")).count();
     assert!(lines <= 2, "{lines}");
@@ -165,7 +165,7 @@ fn a_person_without_an_account_reads_and_stops_and_nothing_else() {
     client(&python, "anonymous.py", (&address, folder), &service);
 }
 
-/// Returns the first message of a client: it states that the client speaks OPC UA.
+/// Returns the first message of a client, which states that the client uses OPC UA.
 fn hello(address: &str) -> Vec<u8> {
     let url = format!("opc.tcp://{address}/");
     let mut body = Vec::new();
@@ -212,8 +212,8 @@ fn acknowledges(address: &str) -> bool {
     stream.write_all(&hello(address)).and_then(|()| stream.read_exact(&mut answer)).is_ok() && answer == *b"ACKF"
 }
 
-/// Returns bytes that are nearly valid: whole messages that were changed, cut or repeated.
-fn nearly(random: &mut impl rand::Rng, address: &str) -> Vec<u8> {
+/// Returns bytes that are nearly valid: whole messages that were changed, truncated or repeated.
+fn nearly_valid_bytes(random: &mut impl rand::Rng, address: &str) -> Vec<u8> {
     let mut bytes =
         [hello(address), open_channel(), message(b"MSGF", &[7; 200]), message(b"CLOF", &[0; 16])].concat();
     match random.random_range(0..4) {
@@ -223,7 +223,7 @@ fn nearly(random: &mut impl rand::Rng, address: &str) -> Vec<u8> {
             bytes[at] = random.random();
         }),
         2 => {
-            // Overwrites a length with a false one: that of the message, or of a text in the message.
+            // Overwrites a length with a wrong value: the length of the message, or of a text in the message.
             let at = random.random_range(0..bytes.len() - 4);
             bytes[at..at + 4].copy_from_slice(&random.random::<u32>().to_le_bytes());
         }
@@ -232,10 +232,10 @@ fn nearly(random: &mut impl rand::Rng, address: &str) -> Vec<u8> {
     bytes
 }
 
-/// Two thousand connections with nonsense, a hundred silent ones, and one that never ends, while a cycle runs to
+/// Two thousand connections with invalid data, a hundred silent ones, and one that never ends, while a cycle runs to
 /// its end.
 #[test]
-fn nonsense_on_the_port_changes_nothing() {
+fn invalid_data_on_the_port_has_no_effect() {
     let folder = taught("clean");
     let folder = folder.path();
     let address = with_opcua(folder, "");
@@ -248,9 +248,9 @@ fn nonsense_on_the_port_changes_nothing() {
             scope.spawn(move || {
                 let mut random = rand_pcg::Pcg64Mcg::seed_from_u64(seed);
                 for _ in 0..500 {
-                    let bytes = nearly(&mut random, address);
+                    let bytes = nearly_valid_bytes(&mut random, address);
                     let Ok(mut stream) = TcpStream::connect(address) else { continue };
-                    // It does not matter if the server closes the connection.
+                    // The server may already have closed the connection.
                     let _ = stream.write_all(&bytes);
                     let _ = stream.set_read_timeout(Some(Duration::from_millis(5)));
                     let _ = stream.read(&mut [0; 512]);
@@ -280,7 +280,7 @@ fn check_open_channel_is_answered(address: &str) -> bool {
     stream.read_exact(&mut answer).is_ok() && answer.windows(4).any(|part| part == b"OPNF")
 }
 
-/// The manual's tables agree with the program's own.
+/// The tables in the manual agree with the program's own tables.
 #[test]
 fn the_manual_has_every_node_and_method() {
     let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/manual/opcua.md");

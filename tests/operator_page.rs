@@ -1,8 +1,8 @@
-//! The operator's page in a browser, with the program's own service.
+//! Tests the operator's page in a browser, with the service of the program.
 //!
-//! The browser is the machine's Chromium, controlled by playwright-core, which waits for what a page shows and not
-//! for a fixed time. axe-core, which checks each page, also runs there. `make setup` installs both below `target/`;
-//! the product needs neither.
+//! The browser is the Chromium of the machine, controlled by playwright-core, which waits for what a page shows and not
+//! for a fixed time. axe-core, which checks the accessibility of each page, also runs there. `make setup` installs both
+//! below `target/`; the product needs neither.
 
 use super::commands::json;
 use super::service::{Service, taught};
@@ -38,8 +38,8 @@ pub fn with_page(folder: &Path, more: &str) -> String {
     format!("http://{address}")
 }
 
-/// Returns the folder of the browser's modules if they and a browser are installed. Otherwise prints that the page
-/// was not tested.
+/// Returns the folder of the browser's modules if they and a browser are installed. Otherwise prints that the page was
+/// not tested.
 pub fn modules() -> Option<PathBuf> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("target/browser");
     let is_there =
@@ -55,7 +55,7 @@ pub fn modules() -> Option<PathBuf> {
     None
 }
 
-/// Starts a browser in which people do what this script states.
+/// Starts a browser with this script, which contains the actions of people.
 pub fn in_browser(script: &str, base: &str, modules: &Path) -> Child {
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
     let pictures = here.join("target/page");
@@ -70,7 +70,7 @@ pub fn in_browser(script: &str, base: &str, modules: &Path) -> Child {
 }
 
 /// Waits until the script has reached its end without errors.
-fn looked_through(browser: Child, service: &Service) {
+fn wait_for_script_end(browser: Child, service: &Service) {
     let browser = browser.wait_with_output().expect("it ends");
     let [told, problems] = [&browser.stdout, &browser.stderr].map(|text| String::from_utf8_lossy(text));
     assert!(browser.status.success(), "{told}\n{problems}\n{}", service.log());
@@ -85,7 +85,7 @@ fn holds(store: &panelprep::store::Store) -> Vec<(Option<String>, Vec<String>)> 
     holds.map(|hold| (user(&hold), hold.reasons.into_iter().map(|reason| reason.message).collect())).collect()
 }
 
-/// Returns the codes of the remarks on each start that was accepted.
+/// Returns the codes of the remarks on each accepted start.
 fn remarks_on_starts(store: &panelprep::store::Store) -> Vec<Vec<String>> {
     let asked = store.requests(None, 1_000).expect("read").into_iter().map(|asked| asked.request);
     let is_start = |wanted: &RequestedAction| matches!(wanted, RequestedAction::For(Request::Start { .. }));
@@ -93,7 +93,7 @@ fn remarks_on_starts(store: &panelprep::store::Store) -> Vec<Vec<String>> {
     starts.map(|start| start.reasons.into_iter().map(|reason| reason.code.into_owned()).collect()).collect()
 }
 
-/// A part is run from start to signature without a mouse; the focus is always visible.
+/// A part is processed from start to signature without a mouse; the focus is always visible.
 #[test]
 fn a_part_is_run_and_signed_with_the_keyboard_alone() {
     let Some(modules) = modules() else { return };
@@ -102,17 +102,17 @@ fn a_part_is_run_and_signed_with_the_keyboard_alone() {
     let base = with_page(folder, POST);
     ["operator", "inspector"].iter().for_each(|role| add_account(folder, role));
     let service = Service::start(folder);
-    looked_through(in_browser("keyboard.mjs", &base, &modules), &service);
+    wait_for_script_end(in_browser("keyboard.mjs", &base, &modules), &service);
     drop(service);
     let store = panelprep::store::Store::open(&folder.join("cell/store")).expect("a store");
     let signed = store.person_signatures(panelprep::record::CycleId(1)).expect("read");
     assert!(signed.iter().any(|(_, signature)| signature.user == "inspector"), "{signed:?}");
     assert_eq!(holds(&store), [(Some("operator".to_owned()), vec!["a hair on the lens".to_owned()])]);
-    // The person who started stated that no person is inside, and the record contains it.
+    // The person who started the cycle confirmed that no person is inside, and this is recorded.
     assert_eq!(remarks_on_starts(&store), [["stated_clear"]]);
 }
 
-/// With one pass or two, the page draws and reports what the robot executed in each.
+/// With one pass or two, the page draws and reports the executed part of each.
 #[test]
 fn scan_and_path_are_seen_in_three_dimensions() {
     let Some(modules) = modules() else { return };
@@ -122,7 +122,7 @@ fn scan_and_path_are_seen_in_three_dimensions() {
     add_account(folder, "viewer");
     let service = Service::start(folder);
     one_cycle(&service);
-    looked_through(in_browser("scene.mjs", &base, &modules), &service);
+    wait_for_script_end(in_browser("scene.mjs", &base, &modules), &service);
 }
 
 #[test]
@@ -152,7 +152,7 @@ fn people_run_judge_and_sign_a_part_in_a_browser() {
         if line == "restart" {
             let before = service.take().expect("it runs");
             before.signal(rustix::process::Signal::TERM);
-            before.ended();
+            before.wait_for_end();
             std::thread::sleep(std::time::Duration::from_secs(4));
             service = Some(Service::start(folder));
             reply();
@@ -166,7 +166,7 @@ fn people_run_judge_and_sign_a_part_in_a_browser() {
     assert_eq!(reported.last().map(String::as_str), Some("whole"), "{reported:#?}\n{problems}");
     drop(service);
 
-    // The actions of people are in the store: signed, verified, and under the right names.
+    // The actions of people are in the store: signed, verified, and with the right names.
     let (exit, verified) = json(folder, "store verify --cell cell/cell.toml");
     assert_eq!((exit, &verified["ok"]), (0, &serde_json::json!(true)), "{verified}");
     let store = panelprep::store::Store::open(&folder.join("cell/store")).expect("a store");
@@ -183,7 +183,8 @@ fn people_run_judge_and_sign_a_part_in_a_browser() {
         ("change recipe", "engineer", true),
         ("change recipe", "engineer", false),
     ] {
-        // The change that would overwrite another person's change was attempted; a wrong recipe was only checked.
+        // A save that would have overwritten the change of another person was attempted; an invalid recipe was only
+        // checked.
         assert!(has(what, who, refused), "{what} by {who}: {audit:#?}");
     }
     assert_eq!(holds(&store), [(Some("operator".to_owned()), vec!["water on the lens".to_owned()])]);
@@ -200,8 +201,8 @@ pub fn trace(folder: &Path) -> Vec<String> {
     let events = store.journal().expect("a journal").into_iter().map(|event| format!("{event:?}"));
     let from_start = events.skip_while(|event| !event.contains("Start {"));
     let motions = record.motions.iter().map(|motion| format!("{:?} {:?}", motion.motion, motion.outcome));
-    // Only the verdicts of the findings: the time at which a person starts the cycle is not synchronised with the
-    // cell's clock, and the drops and glints of the simulated film depend on that time.
+    // Only the verdicts of the findings are compared: the time at which a person starts the cycle is not synchronised
+    // with the clock of the cell, and the drops and glints of the simulated film depend on this time.
     let findings = record
         .findings
         .iter()
@@ -215,8 +216,8 @@ pub fn one_cycle(service: &Service) {
     service.reach("complete");
 }
 
-/// Two hundred viewers watch the page and leave, one reads nothing, and one begins an endless request. In virtual time
-/// the robot does the same as without a page.
+/// Two hundred viewers open the page and leave, one reads nothing, and one begins an endless request. In virtual time
+/// the robot moves in the same way as without a page.
 #[test]
 fn a_spectator_does_not_change_the_robots_motion() {
     let folder = taught("good");

@@ -1,6 +1,6 @@
-//! Plans every pattern over many sets of grids of the demo's own panels. Checks that each plan is finite, that adjacent
-//! lines are at most the recipe's step-over apart, and that the disc reaches the whole area; also measures the
-//! uniformity of the dwell time. `make test` plans a few sets, `make bench-surface` all of them.
+//! Plans every pattern over many sets of grids of the demo's panels. Each plan is finite, the distances between its
+//! lines are at most the recipe's step-over, and it covers everything; the uniformity of its dwell time is measured.
+//! `make test` plans a few sets, `make bench-surface` all of them.
 
 use panelprep::panel::{GridId, TaughtPanel};
 use panelprep::path::{self, Plan};
@@ -12,26 +12,26 @@ use rayon::prelude::*;
 use std::collections::BTreeMap;
 
 pub const PATTERNS: [&str; 5] = ["raster", "cross-hatch", "spiral", "offset", "offset-spiral"];
-/// Disc diameter for which the default limits of a pattern are defined, mm.
-pub const USUAL_DISC_MM: f64 = 30.0;
+/// Disc diameter for which the default limits of a pattern are chosen, mm.
+pub const DEFAULT_DISC_DIAMETER_MM: f64 = 30.0;
 
 /// The results of one pattern with one disc, over many sets of grids.
 #[derive(Debug, Clone, Default)]
 pub struct Row {
     pub plans: usize,
-    /// The smallest coverage of a grid over all plans, 0…1.
+    /// Minimum coverage of all grids of all plans, 0 to 1.
     pub least_coverage: f64,
     pub widest_step_mm: f64,
-    /// The largest ratio of the dwell times in each plan.
+    /// Maximum dwell ratio of each plan.
     pub dwell_ratios: Vec<f64>,
-    /// The faults that were found, each with pattern, disc, seed and grids.
+    /// The problems that were found, with pattern, disc, seed and grids.
     pub faults: Vec<String>,
-    /// Number of plans that a person must decide about.
+    /// Number of plans about which a person must decide.
     pub reviews: usize,
 }
 
 impl Row {
-    /// Returns the quantile of the dwell ratio over the plans for this fraction.
+    /// Returns the dwell ratio that this fraction of the plans does not exceed.
     pub fn dwell_ratio(&self, share: f64) -> f64 {
         let mut sorted = self.dwell_ratios.clone();
         sorted.sort_by(f64::total_cmp);
@@ -77,7 +77,8 @@ fn recipe(text: &str) -> Recipe {
     Recipe::check("demo.toml", text).unwrap_or_else(|problems| panic!("{problems}"))
 }
 
-/// Returns every single grid, pair of adjacent grids, L-shape of three, row, and the set of all grids.
+/// Returns every single grid, every pair of adjacent grids, every L of three grids, every row, and the set of all
+/// grids.
 pub fn every_set(rows: usize, columns: usize) -> Vec<Vec<GridId>> {
     let mut sets: Vec<Vec<GridId>> = Vec::new();
     let there = |id: &GridId| (1..=rows).contains(&id.row) && (1..=columns).contains(&id.column);
@@ -150,7 +151,7 @@ impl Row {
             (least < 0.995, format!("coverage {least:.4}")),
             (ratio.is_none(), "no dwell is reported".to_owned()),
         ];
-        if settings.disc_diameter_mm() == USUAL_DISC_MM {
+        if settings.disc_diameter_mm() == DEFAULT_DISC_DIAMETER_MM {
             let uneven = ratio.is_none_or(|ratio| ratio > settings.max_dwell_ratio());
             wrong.push((uneven, format!("dwell ratio {ratio:?}, allowed {}", settings.max_dwell_ratio())));
         }
@@ -181,8 +182,8 @@ fn every_pattern_plans_singles_pairs_ls_rows_and_all() {
     assert!(faults.is_empty(), "{} faults: {:#?}", faults.len(), &faults[..faults.len().min(20)]);
 }
 
-/// Expected numbers, calculated by hand: 4 × 6 grids have 24 single grids, 4·5 + 3·6 = 38 pairs, 4 · 15 = 60 L-shapes,
-/// 4 rows and one set of all grids.
+/// Expected counts, by hand: 4 × 6 grids have 24 singles, 4·5 + 3·6 = 38 pairs, 4 · 15 = 60 Ls, 4 rows and one set of
+/// all grids.
 #[test]
 fn every_set_is_there() {
     assert_eq!(every_set(4, 6).len(), 24 + 38 + 60 + 4 + 1);

@@ -1,19 +1,19 @@
-//! A dozen poor pictures of boards, at half the size of the sweep in `make bench-calib`.
+//! Tests about a dozen poor pictures of boards, at half the size of those in `make bench-calib`.
 
 use crate::board_pictures::{Hard, Judged, Rendered, camera, judge, mixture, no_board, render};
 use panelprep::calib::{Board, detect};
 
 fn found(text: &str, square_mm: Option<f64>, hard: Hard, seed: u64) -> Judged {
     let board = Board::parse(text, square_mm).expect("a board");
-    judged(&board, &render(&board, &camera(972), &hard, seed))
+    compare_with_truth(&board, &render(&board, &camera(972), &hard, seed))
 }
 
-fn judged(board: &Board, rendered: &Rendered) -> Judged {
+fn compare_with_truth(board: &Board, rendered: &Rendered) -> Judged {
     let found = detect::detect("picture", &rendered.picture, board, None).ok();
     judge(board, rendered, found.as_ref().map(|found| &found.corners))
 }
 
-fn all_found(text: &str, square_mm: Option<f64>, all: &[(&str, Hard)]) {
+fn are_all_detected(text: &str, square_mm: Option<f64>, all: &[(&str, Hard)]) {
     for (seed, (name, hard)) in all.iter().enumerate() {
         let judged = found(text, square_mm, *hard, seed as u64 + 1);
         assert!(matches!(judged, Judged::Found(rms_px) if rms_px < 0.15), "{text}, {name}: {judged:?}");
@@ -24,7 +24,7 @@ const EASY: Hard = Hard { width_share: 0.6, ..Hard::EASY };
 
 #[test]
 fn chessboards_in_poor_pictures_are_found() {
-    all_found(
+    are_all_detected(
         "9x6",
         Some(25.0),
         &[
@@ -34,7 +34,7 @@ fn chessboards_in_poor_pictures_are_found() {
             ("tilted", Hard { tilt_deg: 60.0, ..EASY }),
             ("in the dark", Hard { dark: true, ..EASY }),
             ("small", Hard { width_share: 0.25, ..EASY }),
-            // No single corner is accurate to a fifth of a pixel, but the surface through all of them is.
+            // No single corner is accurate to 0.2 px, but the surface through all of them is.
             (
                 "noise, out of focus and small",
                 Hard { blur_px: 2.0, noise: 6.0, contrast: 60.0, width_share: 0.4, ..EASY },
@@ -43,19 +43,19 @@ fn chessboards_in_poor_pictures_are_found() {
     );
 }
 
-/// Pictures so blurred and noisy that hardly one marker is read: the lattice of the squares shows where the corners
-/// are.
+/// The pictures are so blurred and noisy that almost no marker is read; the lattice of the squares shows where the
+/// corners are.
 #[test]
 fn charuco_boards_with_unreadable_markers_are_found() {
     let hard = Hard { blur_px: 1.3, noise: 6.0, contrast: 60.0, width_share: 0.4, ..Hard::EASY };
-    all_found("charuco:9x7:18:4X4_50", Some(25.0), &[("markers that are not read", hard)]);
+    are_all_detected("charuco:9x7:18:4X4_50", Some(25.0), &[("markers that are not read", hard)]);
 }
 
 /// A glare hides some circles and raises the mean brightness around others.
 #[test]
 fn circles_beside_a_glare_are_found() {
     for text in ["circles:9x7:25", "acircles:4x11:20"] {
-        all_found(
+        are_all_detected(
             text,
             None,
             &[
@@ -66,15 +66,15 @@ fn circles_beside_a_glare_are_found() {
     }
 }
 
-/// Some of the sweep's mixtures, in full size. Where the light falls off at a glare, corners were up to 1.3 px off,
-/// or the whole board was lost.
+/// Some of the random mixtures of `make bench-calib`, in full size. At the edge of a glare, corners were once up to 1.3
+/// px off, or the whole board was not detected.
 #[test]
 fn the_rim_of_a_glare_moves_no_corner() {
     for (text, square_mm, seeds) in [("9x6", Some(25.0), [20, 44]), ("acircles:4x11:20", None, [2, 39])] {
         let (board, camera) = (Board::parse(text, square_mm).expect("a board"), camera(1944));
         for seed in seeds {
             let rendered = render(&board, &camera, &mixture(&board, &camera, seed), 1000 + seed);
-            let judged = judged(&board, &rendered);
+            let judged = compare_with_truth(&board, &rendered);
             assert!(matches!(judged, Judged::Found(_) | Judged::Nearly(..)), "{text}, {seed}: {judged:?}");
         }
     }
@@ -82,7 +82,7 @@ fn the_rim_of_a_glare_moves_no_corner() {
 
 #[test]
 fn other_boards_in_poor_pictures_are_found() {
-    all_found(
+    are_all_detected(
         "charuco:9x7:18:4X4_50",
         Some(25.0),
         &[
@@ -91,7 +91,7 @@ fn other_boards_in_poor_pictures_are_found() {
         ],
     );
     for text in ["circles:9x7:25", "acircles:4x11:20"] {
-        all_found(
+        are_all_detected(
             text,
             None,
             &[
@@ -102,7 +102,7 @@ fn other_boards_in_poor_pictures_are_found() {
     }
 }
 
-/// Neither clutter nor texture nor stripes are taken for a board of any kind.
+/// Clutter, texture and stripes are not detected as a board of any kind.
 #[test]
 fn no_board_is_found_in_pictures_without_a_board() {
     for text in ["9x6", "circles:9x7:25", "charuco:9x7:18:4X4_50"] {

@@ -1,5 +1,5 @@
-//! Signed records on their way to a quality system: a server of the test receives them, with all possible failures
-//! on the way.
+//! Tests the transfer of signed records to a quality system: a test server receives them, with all possible failures of
+//! the transfer.
 
 use super::commands::json;
 use super::service::{Service, taught};
@@ -18,18 +18,18 @@ use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// Time limit that is long enough for a busy machine.
+/// Time limit of the tests, long enough for a busy machine.
 const TIMEOUT: Duration = Duration::from_secs(120);
 
-/// Behaviour of a server on a request.
+/// The behaviour of the test server on a request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Does {
     Takes,
     /// The server closes the connection in the middle of a request.
     Cuts,
-    /// The server stores the file, and its answer is lost.
+    /// The server stores the file, but its response is lost.
     LosesAnswer,
-    /// The server accepts the file and closes the connection without an answer.
+    /// The server accepts the file and closes the connection without a response.
     Closes,
     Answers(&'static str),
 }
@@ -37,12 +37,12 @@ enum Does {
 #[derive(Default)]
 struct ReceivedRequests {
     files: BTreeMap<String, Vec<u8>>,
-    /// The names in the order of the requests.
+    /// The names of the files in the order of the requests.
     asked: Vec<String>,
     authorizations: Vec<Option<String>>,
 }
 
-/// A server that treats its Nth request as `does` states.
+/// A server whose behaviour on its Nth request is given by `does`.
 struct Server {
     port: u16,
     taken: Arc<Mutex<ReceivedRequests>>,
@@ -141,8 +141,8 @@ fn serve(stream: impl Read + Write, taken: &Mutex<ReceivedRequests>, does: &dyn 
 }
 
 /// A cycle's record with its page, pictures and recipe, and later a person's signature, reach the server. The server
-/// cuts, loses answers, closes and refuses in turn. The service is killed meanwhile and continues at the point that it
-/// had reached. At the end the server's contents pass the verification.
+/// cuts connections, loses responses, closes connections and refuses in turn. Meanwhile the service is killed, and
+/// continues at the file that it had reached. At the end the server's files pass the verification.
 #[test]
 fn the_service_puts_each_signed_record() {
     let server = Server::start(None, |number| match number % 7 {
@@ -162,7 +162,7 @@ fn the_service_puts_each_signed_record() {
     service.reset();
     service.done("start --recipe cell/recipe.toml --wait");
     server.wait_for("cycle-1.sig");
-    service.killed();
+    service.kill_and_wait();
     let service = Service::start(folder);
     server.wait_for("cycle-1.json");
     let sign = "record sign 1 --cell cell/cell.toml --name Grace --meaning released";
@@ -224,9 +224,9 @@ fn signed_cycle(store: &mut Store) {
     store.sign_cycle(&CellKey::from_random_bytes(&[7; 32]), id).expect("signed");
 }
 
-/// A server with TLS that requires a token. An untrusted server, a wrong token and an address that leads elsewhere are
-/// reported, and they lose nothing. A store that was set back to an earlier state is sent again, and another address
-/// receives everything.
+/// A server with TLS that requires a token. An untrusted server, a wrong token and a redirecting address are reported,
+/// and no record is lost. A store that was restored to an earlier state is sent again, and another address receives all
+/// records.
 #[test]
 fn a_server_is_trusted_by_its_certificate_and_knows_the_cell_by_its_token() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -297,8 +297,8 @@ fn a_server_is_trusted_by_its_certificate_and_knows_the_cell_by_its_token() {
     };
     drop(sender);
 
-    // A sender that is started again sends nothing twice. If the store was set back to an earlier state and has other
-    // records, they are sent anew.
+    // A sender that is started again sends no file twice. If the store was restored to an earlier state and has other
+    // records, they are sent again.
     drop(store);
     let asked = server.taken().asked.len();
     let sender = start(push.clone());

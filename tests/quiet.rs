@@ -1,12 +1,12 @@
-//! What a command prints if its output is not read, and what it prints twice.
+//! Tests what a command prints if its output is not read, and that it prints nothing twice.
 
 use super::commands::{json, taught_and_verified};
 use std::fs;
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-/// Runs a command whose standard output, and also standard error if `both`, has no reader. Returns its exit code
-/// and what it still printed.
+/// Runs a command whose standard output, and also standard error if `both` is set, has no reader. Returns its exit code
+/// and the text that it printed nevertheless.
 fn unread(folder: &Path, arguments: &str, both: bool) -> (Option<i32>, String) {
     let mut command = Command::new(env!("CARGO_BIN_EXE_panelprep"));
     command.args(arguments.split_whitespace()).current_dir(folder).stdout(Stdio::piped()).stderr(Stdio::piped());
@@ -38,7 +38,7 @@ fn a_reader_that_closes_its_end_ends_no_command() {
         assert_eq!(exit, Some(code), "{arguments}: {said}");
         assert_eq!(unread(folder, arguments, true).0, Some(code), "{arguments}, no stream is read");
     }
-    // A full disk is not treated like a reader that has closed its end.
+    // A full disk is not treated like a reader that has closed the pipe.
     let full = fs::File::options().write(true).open("/dev/full").expect("Linux has it");
     let mut command = Command::new(env!("CARGO_BIN_EXE_panelprep"));
     let output = command.args(["check", "cell.toml"]).current_dir(folder).stdout(full).output().expect("it ends");
@@ -46,7 +46,7 @@ fn a_reader_that_closes_its_end_ends_no_command() {
     assert!(String::from_utf8_lossy(&output.stderr).contains("cannot be written"), "{output:?}");
 }
 
-/// A mock on other ports than the cell's is refused, because the cell would not find it.
+/// A mock controller on other ports than those in the cell's file is refused, because the cell would not find it.
 #[test]
 fn a_mock_on_other_ports_than_its_cell_is_refused() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -67,7 +67,7 @@ fn a_mock_on_other_ports_than_its_cell_is_refused() {
     assert!(said.contains("54600 and 54601") && said.contains("54607 and 54601"), "{said}");
 }
 
-/// A cell without calibrations: the message names the command that makes them.
+/// For a cell without calibrations, the message names the command that creates them.
 #[test]
 fn the_shipped_cell_names_the_commands_that_complete_it() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -89,14 +89,14 @@ fn the_shipped_cell_names_the_commands_that_complete_it() {
     assert_eq!((exit, warnings.len()), (0, 1), "one sentence for all of them: {reported}");
     let keys = warnings[0]["key"].as_str().expect("keys");
     assert!(warnings[0]["line"].as_u64() > Some(1) && keys.starts_with("calibration.scanner, "), "{reported}");
-    // If the check is for a cycle, each missing calibration is a problem, and the command that makes them is named
+    // If the check is for a cycle, each missing calibration is a problem, and the command that creates them is named
     // once.
     let (exit, reported) = json(folder, "check --for cycle config/cell.toml");
     let errors = reported["files"][0]["errors"].as_array().expect("errors");
     assert_eq!((exit, errors.len()), (1, keys.split(", ").count()), "{reported}");
     assert_eq!(reported.to_string().matches("`panelprep demo`").count(), 1, "{reported}");
     assert_eq!(json(folder, "check --for robot config/cell.toml").0, 0);
-    // Any file with a decimal comma is refused with a message that shows the correction.
+    // Every file with a decimal comma is refused with a message that shows the correction.
     fs::write(folder.join("comma.toml"), "[limits]\ntool_error_mm = 0,8\n").expect("written");
     let (_, reported) = json(folder, "check comma.toml --for files");
     let message = reported["files"][0]["errors"][0]["message"].as_str().unwrap_or_default().to_owned();

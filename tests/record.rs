@@ -1,4 +1,4 @@
-//! The record after an unplanned end: it states what it does not know, and no page is missing.
+//! Tests the record after an unplanned end: unknown facts are stated as unknown, and no page is missing.
 
 use super::commands::json;
 use super::service::{START, Service, taught};
@@ -21,7 +21,7 @@ fn page_file(folder: &Path, cycle: i64) -> PathBuf {
     folder.join(format!("cell/store/reports/cycle-{cycle:06}.html"))
 }
 
-/// Returns a page without the line that states when it was made.
+/// Returns a page without the line with its creation time.
 fn page(folder: &Path, cycle: i64) -> String {
     let text = std::fs::read_to_string(page_file(folder, cycle)).expect("its page");
     assert!(text.ends_with("</html>\n"), "it is whole");
@@ -29,7 +29,7 @@ fn page(folder: &Path, cycle: i64) -> String {
     text.lines().filter(|line| !line.contains("This page was made on ")).collect::<Vec<_>>().join("\n")
 }
 
-/// Returns the phase, requested without a separate process, which would take longer than a contact.
+/// Returns the present phase, requested without a separate process, which would take longer than a contact.
 fn phase(folder: &Path) -> String {
     let ask = || -> std::io::Result<String> {
         let mut socket = UnixStream::connect(folder.join("cell/store/panelprep.sock"))?;
@@ -42,7 +42,7 @@ fn phase(folder: &Path) -> String {
     state["phase"].as_str().unwrap_or_default().to_owned()
 }
 
-/// Starts a cycle, and kills the service this time after the beginning of the abrasion.
+/// Starts a cycle, and kills the service this time after the beginning of the sanding.
 fn killed_in_contact(folder: &Path, after: Duration) -> MotionRecord {
     let service = Service::start(folder);
     if service.state() == "aborted" {
@@ -56,7 +56,7 @@ fn killed_in_contact(folder: &Path, after: Duration) -> MotionRecord {
         assert!(since.elapsed() < TIMEOUT, "it never abrades: {:?}", service.ctl("state"));
     }
     std::thread::sleep(after);
-    service.killed();
+    service.kill_and_wait();
     let service = Service::start(folder);
     service.wait("its page is written", |_| page_file(folder, cycle).exists());
     drop(service);
@@ -64,10 +64,10 @@ fn killed_in_contact(folder: &Path, after: Duration) -> MotionRecord {
 }
 
 /// After a kill in contact it is not known what happened on the panel. The page names the grids that may have been
-/// touched, and states the least and greatest distance along the path. Later cycles of the panel count these grids
-/// until no more abrasion is allowed.
+/// touched, and states the minimum and maximum distance along the path. Later cycles of the panel count these grids as
+/// sanded until no further pass is permitted.
 #[test]
-fn a_kill_in_contact_leaves_grids_that_count_as_abraded() {
+fn a_kill_in_contact_leaves_grids_that_are_counted_as_sanded() {
     let folder = taught("good");
     let folder = folder.path();
     let mut cycle = 0;
@@ -91,7 +91,7 @@ fn a_kill_in_contact_leaves_grids_that_count_as_abraded() {
             continue;
         }
         if motion.is_end_reported() {
-            // Killed immediately after the robot had reported the end of the path.
+            // The service was killed immediately after the robot had reported the end of the path.
             let done = format!("{} of {} waypoints", motion.done, motion.motion.waypoints);
             assert!(page.contains(&done), "no {done} in\n{page}");
             hits.push(cycle);
@@ -102,7 +102,7 @@ fn a_kill_in_contact_leaves_grids_that_count_as_abraded() {
         }
         let executed = motion.executed_bounds().expect("it was bounded");
         if executed.at_most == 0 {
-            // The kill came between the journal's line and the motion's row: nothing was permitted yet.
+            // The kill came between the journal's entry and the motion's row: nothing was permitted yet.
             assert!(page.contains("no part of the motion was released for sending"), "{page}");
             assert!(page.contains("Nothing: the tool touched no grid."), "{page}");
             continue;
@@ -129,7 +129,7 @@ fn a_kill_in_contact_leaves_grids_that_count_as_abraded() {
         }
     }
     assert_eq!(hits.len(), 2, "kills hit contact");
-    // The recipe allows two passes: the next cycle finds the grease and may not abrade those grids again.
+    // The recipe permits two passes: the next cycle detects the grease and may not sand these grids again.
     let service = Service::start(folder);
     service.wait("a clear is taken", |service| service.ctl("clear").0 == 0);
     service.reach("stopped");
@@ -150,8 +150,8 @@ fn a_kill_in_contact_leaves_grids_that_count_as_abraded() {
     }
 }
 
-/// Verdict and page are two writes. If the program ends between them, the next start makes the page, and it is the
-/// one that the first program would have written. `panelprep page` makes the same page.
+/// Verdict and page are written one after the other. If the program ends in between, the next start creates the page
+/// that the first program would have written. `panelprep page` creates the same page.
 #[test]
 fn a_page_that_was_not_written_is_made_at_the_next_start() {
     let folder = taught("clean");
@@ -171,7 +171,7 @@ fn a_page_that_was_not_written_is_made_at_the_next_start() {
     {
         assert!(written.contains(&part), "no {part} in\n{written}");
     }
-    // The disk does not accept the page, and the process ends: a verdict without a page.
+    // The disk does not accept the page, and the process ends: the verdict is stored without a page.
     let reports = folder.join("cell/store/reports");
     std::fs::remove_dir_all(&reports).expect("removed");
     std::fs::write(&reports, "no folder").expect("in its place");
@@ -179,9 +179,9 @@ fn a_page_that_was_not_written_is_made_at_the_next_start() {
     service.done(START);
     service.reach("complete");
     assert_eq!(record(folder, 2).judgement.map(|judgement| judgement.verdict.keyword()), Some("pass"));
-    service.killed();
+    service.kill_and_wait();
     std::fs::remove_file(&reports).expect("removed");
-    // One page that a power cut left half written; the other page is missing.
+    // After a power failure, one page is half written, and the other page is missing.
     std::fs::create_dir_all(&reports).expect("made");
     std::fs::write(page_file(folder, 1), &written[..written.len() / 2]).expect("half of it");
 
@@ -201,7 +201,7 @@ fn a_page_that_was_not_written_is_made_at_the_next_start() {
     assert!(exit == 2 && words.contains("no cycle 9"), "{none}");
 }
 
-/// The service is killed as soon as the store has the verdict, in whatever state the cycle's page is then.
+/// The service is killed as soon as the store contains the verdict, whatever the state of the page is then.
 #[test]
 fn a_kill_at_the_verdict_leaves_no_cycle_without_a_page() {
     let folder = taught("clean");
@@ -218,7 +218,7 @@ fn a_kill_at_the_verdict_leaves_no_cycle_without_a_page() {
         while record(folder, cycle).judgement.is_none() {
             assert!(since.elapsed() < TIMEOUT, "no verdict");
         }
-        service.killed();
+        service.kill_and_wait();
         let had = page_file(folder, cycle).exists();
         let service = Service::start(folder);
         service.wait("its page", |_| page_file(folder, cycle).exists());

@@ -1,5 +1,5 @@
-//! Signed records as an inspector and an auditor use them: signed by the cell and a person, exported, and verified by the
-//! program, by OpenSSL and by the manual's own script.
+//! Tests signed records as an inspector and an auditor use them: signed by the cell and a person, exported, and
+//! verified by the program, by OpenSSL and by the script in the manual.
 
 mod preflight;
 
@@ -10,8 +10,8 @@ use std::process::Command;
 
 const CELL: &str = "--cell cell/cell.toml";
 
-/// Returns the text of the manual's block of this kind after this heading.
-fn block(heading: &str, kind: &str) -> String {
+/// Returns the text of the manual's code block of this kind after this heading.
+fn code_block(heading: &str, kind: &str) -> String {
     let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/manual/records.md");
     let text = fs::read_to_string(page).expect("the manual");
     let rest = text.split(heading).nth(1).expect("the heading");
@@ -29,7 +29,7 @@ fn script_finds_no_change(folder: &Path) -> (bool, String) {
 }
 
 fn script_on(folder: &Path, records: &str, key: &str) -> (bool, String) {
-    fs::write(folder.join("verify_record.py"), block("## Without this program", "python")).expect("written");
+    fs::write(folder.join("verify_record.py"), code_block("## Without this program", "python")).expect("written");
     let script = Command::new("python3")
         .args(["verify_record.py", records, key])
         .current_dir(folder)
@@ -50,11 +50,11 @@ fn verify(folder: &Path, more: &str) -> (i32, Vec<String>) {
 /// The script is short enough for an auditor to read before running it.
 #[test]
 fn the_manuals_script_is_short() {
-    let lines = block("## Without this program", "python").lines().filter(|line| !line.trim().is_empty()).count();
+    let lines = code_block("## Without this program", "python").lines().filter(|line| !line.trim().is_empty()).count();
     assert!(lines <= 65, "{lines} lines");
 }
 
-/// Changes an exported folder and runs both programs on it. Each must name what is wrong and end with another code
+/// Changes an exported folder and runs both programs on it. Each must name the problem and end with an exit code other
 /// than 0.
 fn both_refuse(at: &Path, what: &str, change: &dyn Fn(&Path), [program, script]: [&str; 2]) {
     let (records, whole) = (at.join("records"), at.join("whole"));
@@ -72,7 +72,7 @@ fn copied(from: &Path, to: &Path) {
     assert!(Command::new("cp").arg("-r").args([from, to]).status().expect("cp").success());
 }
 
-/// Signs these bytes with the cell's own key, as a person who has copied the key could.
+/// Signs these bytes with the cell's key, as a person who has copied the key could.
 fn signed_by_the_cell(at: &Path, file: &Path, bytes: &[u8]) {
     use panelprep::store::{KeyLocation, cell_key};
     let key = cell_key(&at.join("cell/store"), &KeyLocation::InStore).expect("the key");
@@ -216,7 +216,7 @@ fn a_cycle_is_signed_exported_and_verified_by_three_programs() {
     assert!(exit == 2 && output.to_string().contains("has no cycle 99") && !at.join("half").exists(), "{output}");
 
     assert_eq!(verify(at, "--head records/head.json"), (0, vec![]));
-    let openssl = block("OpenSSL (3.0 or newer)", "");
+    let openssl = code_block("OpenSSL (3.0 or newer)", "");
     let records = at.join("records");
     assert!(shell(&records, &openssl), "{openssl}");
     assert!(shell(&records, &openssl.replace("cycle-1.", "cycle-1-page.")), "the signed page likewise");
@@ -237,7 +237,7 @@ fn a_cycle_is_signed_exported_and_verified_by_three_programs() {
     let (exit, output) = json(at, one);
     assert_eq!((exit, output["found"].as_array().map(Vec::len)), (0, Some(0)), "{output}");
 
-    // A changed word in the verdict, then the file restored, then a changed picture.
+    // A word in the verdict is changed; then this file is restored and a picture is changed.
     let file = records.join("cycle-1.json");
     let whole = fs::read_to_string(&file).expect("the record");
     fs::write(&file, whole.replacen("\"pass\"", "\"fail\"", 1)).expect("changed");
@@ -251,7 +251,7 @@ fn a_cycle_is_signed_exported_and_verified_by_three_programs() {
     let (exit, found) = verify(at, "--head records/head.json");
     assert!(exit == 1 && found.iter().any(|words| words.contains("rolled back")), "{found:?}");
 
-    // The part has had its allowed number of passes; another part has not.
+    // The part has reached its maximum number of passes; another part has not.
     let recipe = at.join("cell/recipe.toml");
     let text = fs::read_to_string(&recipe).expect("the recipe");
     let least = text.replace("[process]\n", "[process]\nmax_passes_per_grid = 1\nmax_passes_per_part = 1\n");

@@ -1,4 +1,4 @@
-//! A rehearsal: simulated cameras and a mock controller in another process, connected by sockets and in real time.
+//! Tests a rehearsal: simulated cameras and a mock controller in another process, connected by sockets, in real time.
 
 use super::commands::{json, panelprep, taught_and_verified};
 use super::wall::Mock;
@@ -10,10 +10,10 @@ use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
-/// Two of the sixteen ports that a controller's firewall leaves open; no other test uses them.
+/// Two of the sixteen ports that a controller's firewall opens; no other test uses them.
 const PORTS: [u16; 2] = [54_610, 54_611];
-/// Ports of the mock that executes an integrator's own programs.
-const OWN: [u16; 2] = [54_608, 54_609];
+/// Ports of the mock controller that executes an integrator's own programs.
+const OWN_PROGRAM_PORTS: [u16; 2] = [54_608, 54_609];
 
 fn replaced(file: &Path, changes: &[(&str, &str)]) {
     let mut text = fs::read_to_string(file).expect("there");
@@ -24,8 +24,8 @@ fn replaced(file: &Path, changes: &[(&str, &str)]) {
     fs::write(file, text).expect("written");
 }
 
-/// Runs a whole cycle with the smallest films that allow a verdict. The places that are sanded over the sockets
-/// hold their water film afterwards.
+/// Runs a whole cycle with the shortest films that allow a verdict. The film holds at the places that were sanded over
+/// the sockets.
 #[test]
 fn a_whole_cycle_by_the_wall_clock_passes_after_abrasion() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -44,7 +44,7 @@ fn a_whole_cycle_by_the_wall_clock_passes_after_abrasion() {
     let refused = told["reasons"][0]["code"].as_str();
     assert_eq!((exit, refused), (2, Some("stage_not_signed")), "no controller yet: {told}");
 
-    // Without `--config`, the mock uses the ports of the cell's file.
+    // Without `--config`, the mock controller uses the ports in the cell's file.
     let mock = Mock::start_with(folder, "mock-robot --cell cell/cell.toml", PORTS);
     let (exit, told) = json(folder, "cycle --cell cell/cell.toml --recipe cell/recipe.toml --seed 3");
     assert_eq!((exit, told["verdict"].as_str()), (0, Some("pass")), "{told}");
@@ -52,7 +52,7 @@ fn a_whole_cycle_by_the_wall_clock_passes_after_abrasion() {
     assert!(mock.count_lines("in contact") > 10, "the arm in the other process did it");
 }
 
-/// A simulated camera must never be used while a real arm moves, whatever the arm's address looks like.
+/// A simulated camera must never be used while a real arm moves, whatever the address of the arm is.
 #[test]
 fn simulated_cameras_are_refused_with_a_remote_robot() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -74,7 +74,7 @@ fn simulated_cameras_are_refused_with_a_remote_robot() {
     assert_eq!((exit, &told["files"][0]["ok"]), (1, &serde_json::Value::Bool(false)), "{told}");
 }
 
-/// A real controller gets no path in automatic mode before the proofs that the path needs are signed.
+/// A real controller receives no path in automatic mode before the acceptance tests that the path requires are signed.
 #[test]
 fn a_path_on_a_real_controller_needs_the_signed_stage() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -105,7 +105,7 @@ fn a_path_on_a_real_controller_needs_the_signed_stage() {
         (ProofStage::B, "signed_stage = \"B\"", "cycle --on-foam"),
         (ProofStage::C, "signed_stage = \"C\"", "cycle"),
     ] {
-        // Stated by hand, without a signed page of these programs in the store.
+        // The stage is written in the cell's file, but the store contains no signed page of these programs.
         assert!(said(signed, command).contains("stage_not_signed"), "{signed} {command}");
         let who = RequestAuthor::from_source(RequestSource::Command);
         for (programs_sum, counts) in [(2, false), (1, true)] {
@@ -120,8 +120,8 @@ fn a_path_on_a_real_controller_needs_the_signed_stage() {
     assert!(said("", "air-run --on-foam").contains("touches nothing"));
 }
 
-/// An integrator's own programs run beside the shipped ones. Statements that the mock does not execute are named at
-/// the start, and a call that reaches one ends at its line.
+/// An integrator's own programs run together with the shipped ones. Statements that the mock does not execute are
+/// listed at the start, and a call that reaches such a statement ends at its line.
 #[test]
 fn own_programs_are_executed_and_unsupported_lines_are_named() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -130,8 +130,8 @@ fn own_programs_are_executed_and_unsupported_lines_are_named() {
     let changes = [
         ("kind = \"mock\" ", "kind = \"eki\" "),
         ("controller = \"programs\"", "host = \"127.0.0.1\""),
-        ("54600", &OWN[0].to_string()),
-        ("54601", &OWN[1].to_string()),
+        ("54600", &OWN_PROGRAM_PORTS[0].to_string()),
+        ("54601", &OWN_PROGRAM_PORTS[1].to_string()),
     ];
     replaced(&folder.join("cell.toml"), &changes);
     // The inputs and outputs are those of the integrator's cell_config.dat.
@@ -174,8 +174,8 @@ fn own_programs_are_executed_and_unsupported_lines_are_named() {
     assert!(stopped.contains("cell_user.src") && stopped.contains(&circle.to_string()), "{stopped}");
     drop(mock);
 
-    // Code that a controller would refuse is refused with its position in the file, and a folder without programs
-    // with the folder's name.
+    // Code that a controller would refuse is refused with its position in the file, and a folder without programs with
+    // the folder's name.
     replaced(&own.join("cell_config.dat"), &[("CELL_USER_N=3", "CELL_USER_N=")]);
     fs::create_dir(folder.join("empty")).expect("a folder");
     let text = fs::read_to_string(own.join("cell_config.dat")).expect("there");
@@ -188,7 +188,7 @@ fn own_programs_are_executed_and_unsupported_lines_are_named() {
     }
 }
 
-/// A child process that is ended when the test ends.
+/// A child process that is killed when the test ends.
 struct Running(Child);
 
 impl Drop for Running {

@@ -1,4 +1,4 @@
-//! Recorded cycles that are run again: `fixtures/` contains the recordings that `--record` wrote.
+//! Tests the replay of recorded cycles: `fixtures/` contains recordings that `--record` wrote.
 
 use panelprep::tape::{Entry, EntryReader, RecordingEnd, Shot, Topic, Writer, check_recording};
 use serde_json::Value;
@@ -7,9 +7,9 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::Arc;
 
-/// The recording of a whole cycle, in which grease is found, abraded and tested again; `REJECTED` is that of
+/// The recording of a whole cycle, in which grease is detected, sanded and tested again; `REJECTED` is the recording of
 /// another panel, which is rejected.
-const WHOLE: &str = "cycle.mcap";
+const WHOLE_CYCLE: &str = "cycle.mcap";
 const REJECTED: &str = "rejected.mcap";
 
 fn fixture(name: &str) -> PathBuf {
@@ -23,7 +23,7 @@ fn replay(file: &Path) -> (i32, Value) {
     (output.status.code().expect("an exit code"), told)
 }
 
-/// Copies a recording with changed entries into a folder of its own.
+/// Copies a recording with changed entries into a separate folder.
 fn changed(name: &str, mut change: impl FnMut(&mut Entry)) -> (tempfile::TempDir, PathBuf) {
     let bytes = fs::read(fixture(name)).expect("the fixture");
     let checked = check_recording(&bytes[..]).expect("whole");
@@ -48,14 +48,14 @@ fn differences(told: &Value) -> Vec<&str> {
 #[test]
 fn a_recorded_cycle_replays_twice_without_a_difference() {
     for _ in 0..2 {
-        let (exit, told) = replay(&fixture(WHOLE));
+        let (exit, told) = replay(&fixture(WHOLE_CYCLE));
         assert_eq!((exit, &told["same"], &told["verdict"]), (0, &true.into(), &"pass".into()), "{told}");
         assert_eq!((&told["cycle_verdict"], &told["to_the_end"]), (&"pass".into(), &true.into()), "{told}");
         assert!(told["entries"].as_u64().is_some_and(|entries| entries > 100), "{told}");
     }
 }
 
-/// The replay passes. The cycle of another panel was rejected, and the reported verdict is that of the cycle.
+/// The replay passes. The cycle of the other panel was rejected, and the reported verdict is that of the cycle.
 #[test]
 fn the_verdict_of_a_replayed_cycle_is_reported_as_the_cycles() {
     let mut command = Command::new(env!("CARGO_BIN_EXE_panelprep"));
@@ -72,7 +72,7 @@ fn a_recording_written_again_is_the_same_cycle() {
     assert_eq!((exit, &told["same"], &told["cycle_verdict"]), (0, &true.into(), &"reject".into()), "{told}");
 }
 
-/// Each point of the scan is a hundredth of a millimetre farther: the findings differ, and the replay reports this.
+/// Each point of the scan is 0.01 mm farther away: the findings differ, and the replay reports this.
 #[test]
 fn a_changed_scan_changes_the_findings() {
     let (_folder, file) = changed(REJECTED, |entry| {
@@ -85,13 +85,13 @@ fn a_changed_scan_changes_the_findings() {
     });
     let (exit, told) = replay(&file);
     assert_eq!((exit, &told["same"], &told["verdict"]), (1, &false.into(), &"fail".into()), "{told}");
-    // The differences are in findings and in the pictures and numbers stored with them, not in commands or events.
+    // The differences are in findings and in the pictures and values stored with them, not in commands or events.
     let kept = |what: &&str| ["/cycle/finding", "/cycle/store"].iter().any(|topic| what.starts_with(topic));
     assert!(differences(&told).iter().all(kept), "{told}");
     assert!(differences(&told).iter().any(|what| what.starts_with("/cycle/finding")), "{told}");
 }
 
-/// The recorded command sends the robot to another position: exactly that number differs.
+/// The recorded command sends the robot to another position: exactly this number differs.
 #[test]
 fn a_changed_command_is_reported_with_both_numbers() {
     let mut done = false;
@@ -107,8 +107,7 @@ fn a_changed_command_is_reported_with_both_numbers() {
     assert_eq!(told["to_the_end"], true);
 }
 
-/// A person's request is changed: recording and replay diverge, and the replay reports the point at which they
-/// diverge.
+/// A person's request is changed: recording and replay diverge, and the replay reports the point at which they diverge.
 #[test]
 fn a_changed_request_makes_recording_and_replay_diverge() {
     let (_folder, file) = changed(REJECTED, |entry| {

@@ -1,4 +1,4 @@
-//! `panelprep robot` and `panelprep mock-robot`: one function at a time, through every gate.
+//! Tests `panelprep robot` and `panelprep mock-robot`: one function at a time, with all checks.
 
 use serde_json::Value;
 use std::io::{BufRead, BufReader};
@@ -42,7 +42,7 @@ fn each_function_goes_through_its_gate() {
 
     let (exit, output, _) = robot(folder, "move-j park");
     assert_eq!((exit, &output["state"]["joints"]["a1_deg"]), (0, &Value::from(-120.0)), "{output}");
-    // The arm's home is at (435, 0, 682.058) mm with B 30°: see the mock's kinematics.
+    // The home position of the arm is (435, 0, 682.058) mm with B 30°: see the kinematics of the mock controller.
     let (exit, output, _) = robot(folder, "move-lin --speed-mm-s 200 445,20,682.058,180,30,180");
     assert_eq!(exit, 0, "{output}");
     let tip = &output["state"]["base_from_tcp"];
@@ -55,7 +55,8 @@ fn each_function_goes_through_its_gate() {
         ("move-lin --speed-mm-s 251 435,0,680,180,30,180", vec!["speed"]),
         ("move-j 0,-90,361,0,60,0", vec!["axis_limit"]),
         ("set-out ligth on", vec!["no_such_output"]),
-        // The missing conditions: water drained, extraction, approach point. For the spray: arm parked, lens shut.
+        // The missing conditions for the tool: water drained, extraction, approach point. For the spray: arm parked,
+        // lens shut.
         ("set-out tool on", vec!["interlock"; 3]),
         ("set-out spray on", vec!["interlock"; 2]),
     ] {
@@ -76,8 +77,8 @@ fn each_function_goes_through_its_gate() {
     );
 }
 
-/// Before an epoch sets a tool, the controller has none. The tool that is calibrated on the flange counts
-/// nevertheless: a box around its tip stops a motion of the axes, and a straight motion with another tool.
+/// Before an epoch sets a tool, the controller has none. The tool that is calibrated on the flange is checked
+/// nevertheless: a box around its tip prevents a motion of the axes, and a linear motion with another tool.
 #[test]
 fn a_motion_keeps_the_tool_on_the_flange_out_of_boxes() {
     use panelprep::geometry::{Base, Flange, KukaPose, Rigid, Tool};
@@ -120,7 +121,7 @@ fn a_motion_keeps_the_tool_on_the_flange_out_of_boxes() {
     assert_eq!(robot(folder, there).0, 2, "a calibration that is there must be right");
 }
 
-/// A child process that is ended when the test ends.
+/// A child process that is killed when the test ends.
 struct Running(Child);
 
 impl Drop for Running {
@@ -130,8 +131,8 @@ impl Drop for Running {
     }
 }
 
-/// Writes the EthernetKRL files with other ports among the firewall's sixteen, as a user would change them. Returns
-/// the table of a cell's file for that controller.
+/// Writes the EthernetKRL files with other ports among the firewall's sixteen, as a user would change them. Returns the
+/// table of a cell's file for this controller.
 fn eki_files(folder: &Path, [command, state]: [u16; 2]) -> String {
     for (file, shipped, from, to) in [
         ("CELLCMD.xml", include_str!("../config/kuka/CELLCMD.xml"), 54_600, command),
@@ -145,7 +146,7 @@ fn eki_files(folder: &Path, [command, state]: [u16; 2]) -> String {
     format!("[robot]\nkind = \"eki\"\nhost = \"127.0.0.1\"\n{ports}")
 }
 
-/// Starts the mock controller with the folder's files; returns it with its first line once it listens.
+/// Starts the mock controller with the files of the folder. Returns the process with its first line after it listens.
 fn mock(folder: &Path, arguments: &str) -> (Running, String, impl Iterator<Item = String> + Send + use<>) {
     let mut mock = Command::new(env!("CARGO_BIN_EXE_panelprep"))
         .args(format!("mock-robot --config . --cell cell.toml {arguments}").split_whitespace())
@@ -187,7 +188,7 @@ fn a_stand_alone_mock_keeps_its_pose_between_commands() {
     assert_eq!(exit, 0, "{output}");
     let (exit, output, _) = robot(folder, "state");
     assert_eq!((exit, &output["state"]["joints"]["a1_deg"]), (0, &Value::from(5.0)), "{output}");
-    // The requested fault, once.
+    // The requested injected fault occurs once.
     let (exit, output, _) = robot(folder, "call 0");
     assert_eq!((exit, codes(&output)), (3, vec!["robot"]), "{output}");
     let (exit, output, _) = robot(folder, "call 0");
@@ -196,7 +197,7 @@ fn a_stand_alone_mock_keeps_its_pose_between_commands() {
     assert!(said.iter().any(|line| line.contains("epoch")), "{said:?}");
 }
 
-/// The program tries what a client can try and asks a person for the rest. The page contains both.
+/// The program tests what a client can test, and asks a person about the rest. The page contains both.
 #[test]
 fn the_proofs_are_tried_or_asked_of_a_person() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -223,7 +224,7 @@ fn the_proofs_are_tried_or_asked_of_a_person() {
     let output = output.expect("the program starts");
     assert!(output.status.code() == Some(2) && !folder.join("new.html").exists());
     assert!(String::from_utf8_lossy(&output.stderr).contains("must not be empty"));
-    // Stage A begins with the questions of rows 4, 14 and 16; the rest is left open.
+    // Stage A begins with the questions of rows 4, 14 and 16; the other rows remain open.
     std::fs::write(folder.join("answers"), "y trace 1\nn it stopped\ny\n").expect("written");
     let output = Command::new(env!("CARGO_BIN_EXE_panelprep"))
         .args("robot prove --out proven.html --by Ada --cell cell.toml --json".split_whitespace())
@@ -250,7 +251,7 @@ fn the_proofs_are_tried_or_asked_of_a_person() {
     let page = std::fs::read_to_string(folder.join("proven.html")).expect("the page");
     assert!(page.contains("trace 1") && page.contains("it stopped") && page.contains("By Ada"), "{page}");
     assert_eq!(page.matches("<tr class=").count(), proofs.len());
-    // It was a mock controller, which proves nothing: the page states this, and cannot be signed.
-    assert!(page.contains("not valid for a real controller") && !page.contains("signature"), "{page}");
+    // A mock controller was tested, which proves nothing: the page states this, and cannot be signed.
+    assert!(page.contains("proves nothing about a real controller") && !page.contains("signature"), "{page}");
     assert!(reported["mock"] == true && reported["reasons"][0]["code"] == "mock_controller", "{reported}");
 }

@@ -1,5 +1,5 @@
-//! `panelprep calibrate scanner` as a user runs it: a 3D camera whose scans are distorted finds the panel at its true
-//! pose after the camera's errors are measured.
+//! Tests `panelprep calibrate scanner` as a user runs it: a 3D camera with distorted scans locates the panel at its
+//! true pose after the camera's errors were measured.
 
 use super::commands::{TEACH, json};
 use super::goal::Figure;
@@ -12,9 +12,9 @@ fn place(value: &Value) -> Rigid<Base, Panel> {
     serde_json::from_value::<KukaPose>(value.clone()).expect("a pose").to_rigid()
 }
 
-/// Teaches and locates. Returns the largest distance of the panel's points from their true places, mm, and the
-/// result.
-fn located(folder: &Path) -> (f64, Value) {
+/// Teaches and locates the panel. Returns the maximum distance of the panel's points from their true positions, mm, and
+/// the result.
+fn located_point_error_mm(folder: &Path) -> (f64, Value) {
     let _ = fs::remove_dir_all(folder.join("cell/store"));
     let (exit, taught) = json(folder, TEACH);
     assert_eq!(exit, 0, "{taught}");
@@ -37,7 +37,7 @@ fn the_errors_of_a_3d_camera_are_corrected_by_scans_of_a_board() {
     let folder = folder.path();
     let render = "render --seed 3 --reduction 4 --seconds 5 --board-scans 12 --scanner-error-mm 2 --out cell";
     assert_eq!(json(folder, render).0, 0);
-    let (before_mm, found) = located(folder);
+    let (before_mm, found) = located_point_error_mm(folder);
     assert!(found["scanner_errors"].as_str().expect("words").starts_with("not measured"), "{found}");
     let scans: Vec<String> = (1..=12).map(|index| format!("cell/boards/scanner/{index:02}.pcd")).collect();
     let calibrate =
@@ -56,7 +56,7 @@ fn the_errors_of_a_3d_camera_are_corrected_by_scans_of_a_board() {
     let left_out = &measured["left_out"];
     let mm = |name: &str| left_out[name].as_f64().expect("a length");
     assert!(exit <= 1 && mm("corrected_mm") < 0.6 * mm("plain_mm"), "{measured}");
-    let (after_mm, found) = located(folder);
+    let (after_mm, found) = located_point_error_mm(folder);
     let before = Figure("calib: farthest corner of the panel before `calibrate scanner`, scans bent by 2 mm");
     before.report("–", &format!("{before_mm:.3} mm"), true);
     let after = Figure("calib: farthest corner after it");

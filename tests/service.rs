@@ -1,7 +1,7 @@
-//! The service as its users see it: `panelprep run` on a simulated cell, with `panelprep ctl` and signals.
+//! Tests the service as its users see it: `panelprep run` on a simulated cell, with `panelprep ctl` and signals.
 //!
-//! `killed` tests the end by SIGKILL, `recording` the replay of recordings, `disk` a store that is full or a day
-//! old.
+//! `killed` tests the end by SIGKILL, `recording` the replay of recordings, `disk` a store that is full or was restored
+//! from the day before.
 
 mod disk;
 mod killed;
@@ -20,7 +20,7 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
-/// Time limit that is long enough for a busy machine; no test here measures time.
+/// Time limit of the tests, long enough for a busy machine; no test here measures time.
 const TIMEOUT: Duration = Duration::from_secs(120);
 
 /// A service that is running; it is killed when the test ends.
@@ -54,7 +54,7 @@ impl Service {
         Service::start_command(command, folder, &[])
     }
 
-    /// Starts the service with more options for the simulation and waits until it answers.
+    /// Starts the service with additional options for the simulation and waits until it answers.
     pub fn start_simulating(folder: &Path, more: &[&str]) -> Self {
         Service::start_command(Command::new(env!("CARGO_BIN_EXE_panelprep")), folder, more)
     }
@@ -75,8 +75,8 @@ impl Service {
         service
     }
 
-    /// Sends a request to the service. A decision refers to the step that is shown immediately before, unless the
-    /// test names one.
+    /// Sends a request to the service. A decision refers to the step that was read immediately before, unless the test
+    /// gives a step.
     pub fn ctl(&self, ask: &str) -> (i32, Value) {
         let is_decision = ["accept", "unhold", "clear"].contains(&ask.split(' ').next().unwrap_or_default());
         if is_decision && !ask.contains("--step") {
@@ -106,14 +106,14 @@ impl Service {
         self.wait(state, |service| service.state() == state);
     }
 
-    /// Sends a request that must be done.
+    /// Sends a request and checks that it is done.
     pub fn done(&self, ask: &str) -> Value {
         let (exit, answer) = self.ctl(ask);
         assert_eq!(exit, 0, "{ask}: {answer}\n{}", self.log());
         answer
     }
 
-    /// Sends a request that must be refused with these words.
+    /// Sends a request and checks that it is refused with these words.
     pub fn refused(&self, ask: &str, exit: i32, words: &str) {
         let (found, answer) = self.ctl(ask);
         let message = answer["reasons"][0]["message"].as_str().unwrap_or_default();
@@ -121,7 +121,7 @@ impl Service {
     }
 
     pub fn reset(&self) {
-        // The robot's link may not be connected yet.
+        // The robot may not be connected yet.
         self.wait("a reset is taken", |service| service.ctl("reset --wait").0 == 0);
         assert_eq!(self.state(), "idle", "it was waited for");
     }
@@ -135,7 +135,7 @@ impl Service {
         rustix::process::kill_process(id, signal).expect("it is there");
     }
 
-    pub fn ended(mut self) -> ExitStatus {
+    pub fn wait_for_end(mut self) -> ExitStatus {
         let since = Instant::now();
         loop {
             if let Some(status) = self.child.try_wait().expect("its status") {
@@ -146,7 +146,7 @@ impl Service {
         }
     }
 
-    pub fn killed(mut self) {
+    pub fn kill_and_wait(mut self) {
         self.child.kill().expect("killed");
         self.child.wait().expect("gone");
     }
@@ -154,7 +154,7 @@ impl Service {
 
 pub const START: &str = "start --recipe cell/recipe.toml";
 
-/// Returns a taught cell with verified cameras in a folder of its own.
+/// Returns a taught cell with verified cameras in a separate folder.
 pub fn taught(scene: &str) -> TempDir {
     let folder = rendered(scene);
     taught_and_verified(folder.path());
@@ -169,7 +169,7 @@ pub fn socket(folder: &Path) -> PathBuf {
     folder.join("cell/store/panelprep.sock")
 }
 
-/// The service owns the cameras while it runs: it takes the pictures, but none during a cycle.
+/// The service has the cameras open while it runs: it captures the pictures, but none during a cycle.
 #[test]
 fn shots_are_taken_by_the_service_while_the_cell_rests() {
     let folder = taught("good");
@@ -214,8 +214,8 @@ fn shots_are_taken_by_the_service_while_the_cell_rests() {
     assert_eq!(axes, Some(6), "and where it stands is reported");
 }
 
-/// Two cycles run on one service. The second is ended by a hold and a stop, and the service by SIGTERM. The cameras
-/// are verified while the service runs.
+/// Two cycles run on one service. The second is ended by a hold and a stop, and the service by SIGTERM. The cameras are
+/// verified while the service runs.
 #[test]
 fn cycles_run_one_after_the_other_and_each_request_is_answered() {
     let folder = rendered("good");
@@ -260,14 +260,14 @@ fn cycles_run_one_after_the_other_and_each_request_is_answered() {
     service.done("clear");
     service.reach("stopped");
     service.reset();
-    // The same panel after it was wiped dry: the abraded places hold their film now.
+    // The same panel was wiped dry: the film now holds on the sanded places.
     service.done(START);
     service.reach("complete");
     assert_eq!(service.done("state")["verdict"], "pass");
 
     service.signal(rustix::process::Signal::TERM);
     let log = folder.join("run.log");
-    assert_eq!(service.ended().code(), Some(0), "{}", std::fs::read_to_string(log).unwrap_or_default());
+    assert_eq!(service.wait_for_end().code(), Some(0), "{}", std::fs::read_to_string(log).unwrap_or_default());
     assert!(!socket(folder).exists(), "the socket goes with its service");
     assert_eq!(panelprep::cycle::recover(journal(folder)).at, At::Stopped);
     let store = Store::open(&folder.join("cell/store")).expect("the store opens");
@@ -286,15 +286,15 @@ fn a_signal_stops_the_cycle_and_ends_in_stopped() {
     service.done(START);
     service.wait("work", |service| service.state() == "execute");
     service.signal(rustix::process::Signal::TERM);
-    assert_eq!(service.ended().code(), Some(0));
+    assert_eq!(service.wait_for_end().code(), Some(0));
     let events = journal(folder);
     assert!(events.contains(&Event::Asked(Request::Stop)));
     let state = panelprep::cycle::fold_journal(events);
     assert_eq!((state.at, state.intent), (At::Stopped, None));
 }
 
-/// Each store has one service. Input that does not follow the protocol is refused in words and does not delay other
-/// clients.
+/// Each store has one service. Input that does not follow the protocol is refused with a message and does not delay
+/// other clients.
 #[test]
 fn invalid_requests_at_the_socket_do_no_harm() {
     let folder = taught("clean");
@@ -314,7 +314,7 @@ fn invalid_requests_at_the_socket_do_no_harm() {
     ] {
         service.wait("a place is free", |service| service.ctl("state").0 == 0);
         let mut stream = UnixStream::connect(socket(folder)).expect("it listens");
-        // The service closes the connection once it has read enough.
+        // The service closes the connection after it has read the maximum length.
         let _ = stream.write_all(line);
         let mut answer = String::new();
         let _ = stream.read_to_string(&mut answer);
@@ -324,7 +324,7 @@ fn invalid_requests_at_the_socket_do_no_harm() {
     use std::os::unix::fs::PermissionsExt;
     let mode = std::fs::metadata(socket(folder)).expect("the socket").permissions().mode();
     assert_eq!(mode & 0o777, 0o660);
-    service.killed();
+    service.kill_and_wait();
     assert!(socket(folder).exists(), "what a killed service leaves");
     let service = Service::start(folder);
     assert_eq!(service.state(), "stopped", "is replaced by the next one");

@@ -1,4 +1,4 @@
-//! `panelprep shoot`, used by a person who has only cameras on a bench.
+//! Tests `panelprep shoot` as a person uses it who has only cameras on a bench.
 
 use super::commands::json;
 use serde_json::Value;
@@ -9,8 +9,8 @@ fn number(told: &Value, key: &str) -> f64 {
     told[key].as_f64().unwrap_or(f64::NAN)
 }
 
-/// A cell without any calibration takes scans, pictures, corners and a film with simulated cameras. A recorded camera,
-/// also without a calibration, then replays the film and the scans.
+/// A cell without any calibration captures scans, pictures, corners and a film with simulated cameras. A recorded
+/// camera, also without a calibration, then replays the film and the scans.
 #[test]
 fn cameras_without_a_calibration_take_pictures() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -55,7 +55,7 @@ fn cameras_without_a_calibration_take_pictures() {
 
     let (exit, output) = shoot("film --seconds 1 --wet-from-s 3 --out other");
     assert!(exit == 2 && output["reasons"].to_string().contains("the limits are 0 to 1"), "{output}");
-    // Dry pictures are never marked as wet: with a spray, the command must state when the spray is over.
+    // Dry pictures are never marked as wet: with a spray, the command must state when the spray ends.
     for (phases, words) in [
         ("--spray-from-s 0.4", "give --wet-from-s"),
         ("--spray-from-s 0.6 --wet-from-s 0.3", "the wet pictures after the spray"),
@@ -67,8 +67,8 @@ fn cameras_without_a_calibration_take_pictures() {
     }
     assert!(!folder.join("other").exists(), "nothing is taken");
 
-    // The folder cannot be made: more pictures arrive than may wait for the disk, and the command does not wait for
-    // ever.
+    // The folder cannot be created: more pictures arrive than may wait for the disk, and the command ends with an
+    // error.
     let (exit, output) = shoot("film --seconds 60 --pictures-per-second 20 --out cell.toml/film");
     assert!(exit == 2 && output["reasons"].to_string().contains("cell.toml/film"), "{output}");
 

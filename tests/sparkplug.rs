@@ -1,4 +1,4 @@
-//! The cell at an MQTT broker: Debian's mosquitto, the program's own service, and two host applications by other
+//! Tests the cell at an MQTT broker: Debian's mosquitto, the program's own service, and two host applications of other
 //! authors.
 
 mod manual;
@@ -37,15 +37,15 @@ fn requests(folder: &Path) -> Vec<RequestRecord> {
     all.filter(is_host).collect()
 }
 
-/// The cell as a host knows it after these messages, metric by metric. Each message is checked against the rules of
-/// a session.
+/// The data of the cell as a host knows them after these messages, metric by metric. Each message is checked against
+/// the rules of a session.
 #[derive(Default)]
 struct Known {
     values: BTreeMap<String, Value>,
-    /// The number of the newest message since the birth, and of the connection.
+    /// The number of the newest message since the birth, and below it the number of the connection.
     seq: Option<u64>,
     bd_seq: Option<Value>,
-    /// Every value that this metric had, in order of arrival.
+    /// Every value of this metric, in order of arrival.
     words: Vec<Value>,
     deaths: Vec<Value>,
 }
@@ -98,16 +98,16 @@ impl Known {
         }
     }
 
-    /// Returns whether these states were seen in this order; other states may lie between them.
-    fn saw(&self, states: &[&str]) -> bool {
+    /// Returns whether these states were received in this order; other states may be in between.
+    fn has_received_in_order(&self, states: &[&str]) -> bool {
         let mut seen = self.words.iter();
         states.iter().all(|state| seen.any(|word| word == state))
     }
 }
 
-/// Connects to the broker by TLS and password. Nothing is published before the primary host is online. Then come a
-/// whole cycle, a rebirth, a host's hold and refused commands. The death follows a host that goes offline, a signal
-/// and a kill; at last the broker itself ends.
+/// Connects to the broker by TLS and password. Nothing is published before the primary host is online. Then follow a
+/// whole cycle, a rebirth, a host's hold and refused commands. A death certificate is published after a host goes
+/// offline, after a signal and after a kill; finally the broker itself ends.
 #[test]
 fn a_primary_host_sees_the_cell_and_may_hold_it() {
     if !are_there(&["pysparkplug"]) {
@@ -146,7 +146,7 @@ fn a_primary_host_sees_the_cell_and_may_hold_it() {
     service.reach("complete");
     host.until("the verdict", is("LastCycle/verdict", json!("pass")));
     let known = Known::from_messages(&host.heard);
-    assert!(known.saw(&["stopped", "idle", "execute", "complete"]), "{:?}", known.words);
+    assert!(known.has_received_in_order(&["stopped", "idle", "execute", "complete"]), "{:?}", known.words);
     let numbers = ["Cycle/number", "LastCycle/number", "Counters/cycles", "Counters/passed"];
     assert_eq!(
         numbers.map(|name| known.values[name].clone()),
@@ -188,7 +188,7 @@ fn a_primary_host_sees_the_cell_and_may_hold_it() {
     assert_eq!(service.state(), "stopped");
     let done: Vec<_> = audit(folder).into_iter().filter(|line| line.entry.refused.is_none()).collect();
     let words: Vec<&str> = done.iter().rev().map(|line| line.entry.what.as_str()).collect();
-    // Requests to the cell are one line each, among the requests; only the rebirth never reached the cell.
+    // Requests to the cell are recorded once each, among the requests; only the rebirth never reached the cell.
     assert_eq!(words, ["rebirth"]);
     let origin = format!("MQTT broker localhost:{tls_port}");
     assert!(done.iter().all(|line| line.entry.from == origin));
@@ -203,7 +203,7 @@ fn a_primary_host_sees_the_cell_and_may_hold_it() {
     let who: Vec<String> = asked.iter().filter_map(|asked| asked.who.as_ref()).map(ToString::to_string).collect();
     assert!(who.iter().any(|who| who.contains("a host application by MQTT Sparkplug")), "{who:?}");
 
-    // The host goes offline, and comes back in a new connection of its own.
+    // The host goes offline, and connects again.
     host.does("state {\"online\": false, \"timestamp\": 1000}");
     host.until("the death", |message| message["kind"] == "NDEATH");
     host.does("state {\"online\": true, \"timestamp\": 2000}");
@@ -219,12 +219,12 @@ fn a_primary_host_sees_the_cell_and_may_hold_it() {
 
     service.signal(rustix::process::Signal::TERM);
     host.until("the death", |message| message["kind"] == "NDEATH");
-    assert_eq!(service.ended().code(), Some(0));
-    // No program can report a kill itself. The broker reports it by the will.
+    assert_eq!(service.wait_for_end().code(), Some(0));
+    // A killed program cannot report its end. The broker reports it by the last will.
     let service = Service::start(folder);
     let birth = host.until("a birth", |message| message["kind"] == "NBIRTH");
     assert_eq!(birth["metrics"]["bdSeq"]["value"], 0);
-    service.killed();
+    service.kill_and_wait();
     host.until("the death", |message| message["kind"] == "NDEATH");
     assert_eq!(Known::from_messages(&host.heard).deaths.len(), 3);
 }
@@ -262,7 +262,7 @@ fn a_second_host_decodes_every_message() {
     host.until("the verdict", |message| has(message, "LastCycle/verdict", "aborted"));
     service.signal(rustix::process::Signal::TERM);
     host.until("the death", |message| message["kind"] == "NDEATH");
-    assert_eq!(service.ended().code(), Some(0));
+    assert_eq!(service.wait_for_end().code(), Some(0));
     let all: Vec<&Value> = host.heard.iter().filter(|message| message["metrics"].is_array()).collect();
     let kinds =
         ["NBIRTH", "NDATA", "NDEATH"].map(|kind| all.iter().filter(|message| message["kind"] == kind).count());
@@ -275,8 +275,8 @@ fn a_second_host_decodes_every_message() {
     }
 }
 
-/// Without a role no host may request anything but a rebirth. A retained command and a flood of others cause only
-/// lines of the audit trail, which are bounded, and the service continues to answer.
+/// Without a role no host may request anything except a rebirth. A retained command and a flood of others only cause a
+/// limited number of entries in the audit trail, and the service continues to answer.
 #[test]
 fn a_flood_of_commands_does_nothing() {
     if !are_there(&["pysparkplug"]) {
@@ -323,7 +323,7 @@ fn a_flood_of_commands_does_nothing() {
     );
 }
 
-/// There is no broker: the cell runs anyway, and reports this in its log.
+/// Without a broker the cell works, and reports the missing broker in its log.
 #[test]
 fn without_a_broker_the_cell_runs() {
     let folder = taught("clean");
@@ -336,5 +336,5 @@ fn without_a_broker_the_cell_runs() {
     assert_eq!(service.done("state")["verdict"], "pass");
     assert!(service.log().contains("MQTT Sparkplug: no connection to 127.0.0.1"), "{}", service.log());
     service.signal(rustix::process::Signal::TERM);
-    assert_eq!(service.ended().code(), Some(0));
+    assert_eq!(service.wait_for_end().code(), Some(0));
 }

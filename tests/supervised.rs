@@ -1,5 +1,5 @@
-//! A thread of the service that panics or hangs: the process ends by itself in the safe way, and the next process
-//! does not move the robot.
+//! Tests threads of the service that panic or hang: the process ends in a safe way, and the next process does not move
+//! the robot.
 
 use super::service::{START, Service, taught};
 use panelprep::cycle::{At, recover};
@@ -8,20 +8,20 @@ use std::os::unix::net::UnixDatagram;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-/// The file that states which of its threads a debug build must let fail.
-const INJECT: &str = "inject";
+/// Name of the file that states which thread a debug build lets fail.
+const FAULT_FILE_NAME: &str = "inject";
 
 fn service(folder: &Path) -> Service {
-    std::fs::write(folder.join(INJECT), "").expect("written");
-    Service::start_with(folder, &[("PANELPREP_INJECT", INJECT)])
+    std::fs::write(folder.join(FAULT_FILE_NAME), "").expect("written");
+    Service::start_with(folder, &[("PANELPREP_INJECT", FAULT_FILE_NAME)])
 }
 
-fn inject(folder: &Path, failure: &str) {
-    std::fs::write(folder.join(INJECT), failure).expect("written");
+fn inject_fault(folder: &Path, failure: &str) {
+    std::fs::write(folder.join(FAULT_FILE_NAME), failure).expect("written");
 }
 
-/// Each thread fails in both ways, at work. The end names the thread, and the next service rests as the journal
-/// states: in Aborted if a motion was open.
+/// Each thread fails in both ways during a cycle. The message at the end names the thread. The state of the next
+/// service follows from the journal: Aborted if a motion was open.
 #[test]
 fn a_thread_that_fails_ends_the_service() {
     let folder = taught("good");
@@ -33,15 +33,15 @@ fn a_thread_that_fails_ends_the_service() {
             }
             let running = service(folder);
             if running.state() == "aborted" {
-                // The robot's link may not be connected yet.
+                // The robot may not be connected yet.
                 running.wait("a clear is taken", |running| running.ctl("clear").0 == 0);
                 running.reach("stopped");
             }
             running.reset();
             running.done(&format!("{START} --record"));
             running.wait("work", |running| running.state() == "execute");
-            inject(folder, &format!("{failure} {thread}"));
-            let status = running.ended();
+            inject_fault(folder, &format!("{failure} {thread}"));
+            let status = running.wait_for_end();
             let log = std::fs::read_to_string(folder.join("run.log")).expect("a log");
             let panics = (failure, thread) == ("panic", "loop");
             assert_eq!(status.code(), Some(if panics { 101 } else { 3 }), "{failure} {thread}: {status}\n{log}");
@@ -61,19 +61,19 @@ fn a_thread_that_fails_ends_the_service() {
     }
 }
 
-/// systemd receives the sign of life from a loop that works and no longer from one that hangs. It therefore ends
-/// the process, whose robot controller has stopped by itself meanwhile.
+/// systemd receives heartbeats from a loop that works, and no heartbeat from a loop that hangs. It therefore ends the
+/// process; the robot controller has already stopped automatically.
 #[test]
-fn the_watchdog_is_not_fed_by_a_loop_that_hangs() {
+fn a_loop_that_hangs_sends_no_heartbeat() {
     let folder = taught("clean");
     let folder = folder.path();
-    std::fs::write(folder.join(INJECT), "").expect("written");
+    std::fs::write(folder.join(FAULT_FILE_NAME), "").expect("written");
     let systemd = UnixDatagram::bind(folder.join("notify")).expect("a socket");
     systemd.set_read_timeout(Some(Duration::from_secs(10))).expect("set");
     let notify = folder.join("notify").display().to_string();
     let running = Service::start_with(
         folder,
-        &[("PANELPREP_INJECT", INJECT), ("NOTIFY_SOCKET", &notify), ("WATCHDOG_USEC", "1000000")],
+        &[("PANELPREP_INJECT", FAULT_FILE_NAME), ("NOTIFY_SOCKET", &notify), ("WATCHDOG_USEC", "1000000")],
     );
     let feeds = |within: Duration| {
         let (since, mut bytes) = (Instant::now(), [0; 512]);
@@ -87,7 +87,7 @@ fn the_watchdog_is_not_fed_by_a_loop_that_hangs() {
         false
     };
     assert!(feeds(Duration::from_secs(30)), "a loop that works feeds it");
-    inject(folder, "hang loop");
+    inject_fault(folder, "hang loop");
     running.wait("it hangs", |running| running.ctl("state").0 != 0);
     while feeds(Duration::from_millis(10)) {} // what was sent before
     assert!(!feeds(Duration::from_secs(3)), "a loop that hangs does not");

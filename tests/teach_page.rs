@@ -1,5 +1,5 @@
-//! `panelprep teach` with its page for drawing, as a person at the cell uses it: the program, a browser, the
-//! recipe's file.
+//! Tests `panelprep teach` with its drawing page, as a person at the cell uses it: the program, a browser, the recipe's
+//! file.
 
 use super::commands::{TEACH, rendered, started};
 use std::io::{BufRead, BufReader, Read, Write};
@@ -8,7 +8,7 @@ use std::path::Path;
 use std::process::{Child, Command};
 
 /// Returns the running program and the address of its page, as the program prints it.
-pub fn opened(folder: &Path, command: &str) -> (Child, BufReader<std::process::ChildStderr>, String) {
+pub fn open_page(folder: &Path, command: &str) -> (Child, BufReader<std::process::ChildStderr>, String) {
     let mut child = started(folder, command);
     let mut told = BufReader::new(child.stderr.take().expect("its words"));
     let mut line = String::new();
@@ -20,7 +20,7 @@ pub fn opened(folder: &Path, command: &str) -> (Child, BufReader<std::process::C
     (child, told, url)
 }
 
-/// Sends a request to a page; returns the whole answer, its head and its body.
+/// Sends a request to a page; returns the whole response, head and body.
 pub fn ask(url: &str, method: &str, page: &str, body: &str) -> String {
     let (host, key) =
         url.trim_start_matches("http://").trim_end_matches('/').split_once('/').expect("host and key");
@@ -36,10 +36,10 @@ pub fn ask(url: &str, method: &str, page: &str, body: &str) -> String {
     String::from_utf8_lossy(&answer).into_owned()
 }
 
-/// Returns the page as Chromium shows it once it contains `awaited`; `None` if this computer has no Chromium. On a
-/// busy computer a browser may end before the page has drawn, so up to five browsers are started, each with its own
+/// Returns the page as Chromium shows it after it contains `awaited`; `None` if this computer has no Chromium. On a
+/// busy computer a browser may end before the page is drawn, so up to five browsers are started, each with its own
 /// profile.
-pub fn browsed(url: &str, awaited: &str) -> Option<String> {
+pub fn rendered_page(url: &str, awaited: &str) -> Option<String> {
     let mut shown = String::new();
     for _ in 0..5 {
         let profile = tempfile::tempdir().expect("a folder");
@@ -69,22 +69,22 @@ pub fn browsed(url: &str, awaited: &str) -> Option<String> {
     Some(shown)
 }
 
-/// The whole teaching in real time: scan, region, corners; the panel is stored.
+/// Tests the whole teaching in real time: scan, region, corners; the panel is stored.
 #[test]
 fn a_panel_is_taught_by_a_new_scan_and_a_drawn_region() {
     let folder = rendered("good");
     let folder = folder.path();
     let before = std::fs::read_to_string(folder.join("cell/recipe.toml")).expect("a recipe");
     let command = "teach --live shots --cell cell/cell.toml --recipe cell/recipe.toml --seed 3";
-    let (mut child, mut reported, url) = opened(folder, command);
+    let (mut child, mut reported, url) = open_page(folder, command);
     let drawing = ask(&url, "GET", "drawing.json", "");
     let object: serde_json::Value =
         serde_json::from_str(drawing.split_once("\r\n\r\n").expect("a body").1).expect("JSON");
     assert_eq!(object["panel"], "simulated-panel");
 
-    match browsed(&url, "class=\"corner region") {
+    match rendered_page(&url, "class=\"corner region") {
         Some(page) => {
-            // The page shows the region's four corners, its outline, and the lines between its rows and columns.
+            // The page shows the four corners of the region, its outline, and the lines between its rows and columns.
             let count = |what: &str| page.matches(what).count();
             let lines = object["drawn"]["rows"].as_u64().expect("rows")
                 + object["drawn"]["columns"].as_u64().expect("columns")
@@ -114,9 +114,9 @@ fn a_panel_is_taught_by_a_new_scan_and_a_drawn_region() {
         assert!(folder.join("shots").join(file).is_file(), "{file}");
     }
 
-    // Now the files exist. The test draws a place at the panel's upper edge where the panel is held, and an outline
-    // that is removed again.
-    let (child, mut reported, url) = opened(folder, &format!("{TEACH} --draw"));
+    // Now the files exist. The test draws the area of a holder at the panel's upper edge, and an outline that is
+    // removed again.
+    let (child, mut reported, url) = open_page(folder, &format!("{TEACH} --draw"));
     let corners: Vec<Vec<f64>> = serde_json::from_value(drawn["corners_px"].clone()).expect("four corners");
     let at = |across: f64, down: f64| -> Vec<f64> {
         (0..2)
@@ -129,7 +129,7 @@ fn a_panel_is_taught_by_a_new_scan_and_a_drawn_region() {
     drawn["held_px"] = serde_json::json!([[at(0.4, -0.3), at(0.6, -0.3), at(0.6, -0.02), at(0.4, -0.02)]]);
     drawn["outline_px"] = serde_json::json!([at(-0.1, -0.1), at(1.1, -0.1), at(1.1, 1.1)]);
     assert!(ask(&url, "POST", "save", &drawn.to_string()).starts_with("HTTP/1.1 200"));
-    if let Some(page) = browsed(&url, "class=\"corner held") {
+    if let Some(page) = rendered_page(&url, "class=\"corner held") {
         let count = |what: &str| page.matches(what).count();
         assert_eq!(
             (count("class=\"corner outline"), count("class=\"corner held"), count("class=\"area held")),
@@ -151,7 +151,7 @@ fn a_panel_is_taught_by_a_new_scan_and_a_drawn_region() {
     );
 
     // The person closes the page without a change.
-    let (child, mut reported, url) = opened(folder, &format!("{TEACH} --draw"));
+    let (child, mut reported, url) = open_page(folder, &format!("{TEACH} --draw"));
     ask(&url, "POST", "done", "");
     let ended = child.wait_with_output().expect("it ends");
     reported.read_to_string(&mut words).expect("it tells");

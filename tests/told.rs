@@ -1,4 +1,4 @@
-//! A mistyped value is reported with the allowed values, and nothing is created or executed.
+//! Tests that an invalid value is reported with the valid values, and that nothing is created or executed.
 
 use super::commands::{json, panelprep};
 use std::fs;
@@ -10,10 +10,10 @@ const CELL: &str = "store = \"store\"\n[robot]\nkind = \"mock\"\n[limits]\nmax_s
     [io.outputs]\nlight = 1\nspray = 2\nlens_shutter = 3\nextraction = 4\ntool = 5\n\
     [io.feedbacks]\nwater_off = 1\nlens_shut = 2\nextraction_flow = 3\ntool_running = 4\nlight_on = 5\n";
 
-/// A public key: that of RFC 8032, 7.1, test 2.
+/// A valid public key: that of RFC 8032, 7.1, test 2.
 const KEY: &str = "-----BEGIN PUBLIC KEY-----\nMCowBQYDK2VwAyEAPUAXw+hDiVqStwqnTRt+vJyYLM8uxJaMwM1V8Sr0Zgw=\n-----END PUBLIC KEY-----\n";
 
-fn refused(folder: &Path, arguments: &str, words: &[&str]) {
+fn expect_refused(folder: &Path, arguments: &str, words: &[&str]) {
     let output = panelprep(folder, arguments);
     let told = String::from_utf8_lossy(&output.stderr).into_owned() + &String::from_utf8_lossy(&output.stdout);
     assert!(
@@ -22,7 +22,7 @@ fn refused(folder: &Path, arguments: &str, words: &[&str]) {
     );
 }
 
-/// A number that is not allowed is reported with its range, also if it is negative.
+/// A number that is out of range is reported with its range, also if it is negative.
 #[test]
 fn a_number_out_of_range_is_reported_with_what_is_allowed() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -47,7 +47,7 @@ fn a_number_out_of_range_is_reported_with_what_is_allowed() {
         ("record verify nofile --public-key key.pem", ["nofile", "does not exist"]),
         ("store renew --why=", ["--why", "must not be empty"]),
     ] {
-        refused(folder, &format!("{arguments} --cell cell.toml"), &words);
+        expect_refused(folder, &format!("{arguments} --cell cell.toml"), &words);
     }
     let reported = panelprep(folder, "new recipe --yes --out n.toml --cell cell.toml").stderr;
     assert!(!String::from_utf8_lossy(&reported).contains("or --yes"), "--yes was given");
@@ -56,7 +56,7 @@ fn a_number_out_of_range_is_reported_with_what_is_allowed() {
     }
 }
 
-/// A file that is not text or does not exist is reported as such, and XML is mentioned only for XML files.
+/// The error for a file that is not text, or does not exist, states this; XML is mentioned only for XML files.
 #[test]
 fn a_file_that_cannot_be_read_is_reported_by_its_line() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -73,11 +73,11 @@ fn a_file_that_cannot_be_read_is_reported_by_its_line() {
         "{xml}"
     );
     assert!(missing.contains("  nothere.toml: ") && !missing.contains("line 1"), "{missing}");
-    refused(folder, "robot state --cell bad.toml", &["bad.toml", "line 2 is not UTF-8; save the file as UTF-8"]);
-    refused(folder, "calibrate tcp --poses empty.toml --cell cell.toml", &["empty.toml"]);
+    expect_refused(folder, "robot state --cell bad.toml", &["bad.toml", "line 2 is not UTF-8; save the file as UTF-8"]);
+    expect_refused(folder, "calibrate tcp --poses empty.toml --cell cell.toml", &["empty.toml"]);
 }
 
-/// In a mistyped folder, only the command that adds an account makes a store.
+/// In a mistyped folder, only the command that adds an account creates a store.
 #[test]
 fn listing_accounts_creates_no_store() {
     let folder = tempfile::tempdir().expect("a folder");

@@ -1,6 +1,6 @@
-//! The compliant tool of the simulated cell fails in contact, with the program as a user runs it. The sander is
-//! switched off in time, the cycle ends in a hold with the tool's reason, and the page lists what was touched. `make
-//! bench-tool-faults` runs every fault along the whole path.
+//! Tests faults of the simulated compliant tool in contact, with the program as a user runs it. The sander is switched
+//! off in time, the cycle is held with the tool's own reason, and the page states which grids were touched. `make
+//! bench-tool-faults` injects every fault along the whole path.
 
 use super::commands::json;
 use serde_json::Value;
@@ -41,7 +41,7 @@ fn a_tool_that_fails_in_contact_is_off_in_time_and_named() {
     }
 }
 
-/// The message for a wrong name contains the valid form. A fault can be injected only into a compliant tool.
+/// The message for a wrong fault name states the valid form, and a fault requires a compliant tool.
 #[test]
 fn a_fault_needs_a_name_and_a_simulated_tool() {
     let folder = tempfile::tempdir().expect("a folder");

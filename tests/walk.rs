@@ -1,8 +1,7 @@
-//! Walks through README and every `--help`: each command that they show is run, exactly as written, in a fresh
-//! folder beside a copy of `config/`.
+//! Runs each command in README and in every `--help`, exactly as written, in a new folder beside a copy of `config/`.
 //!
-//! The commands are taken from the texts themselves, so that a changed text is tested and a text without an example
-//! is found. Only the rendering is made smaller. The output must be readable for people.
+//! The commands are taken from the texts themselves, so that a changed text is tested and a command without an example
+//! is detected. Only the rendering is made smaller. The output must be readable for people.
 
 use super::teach_page::ask;
 use std::collections::BTreeMap;
@@ -12,8 +11,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-/// The order of the commands: each command runs after those whose output it needs. Commands that are not listed run
-/// at `*`.
+/// The order of the commands: each command runs after those whose output it needs. Commands that are not in the list
+/// run at `*`.
 const ORDER: [&str; 25] = [
     "render",
     "check",
@@ -41,10 +40,10 @@ const ORDER: [&str; 25] = [
     "mock-robot",
     "calibrate strike", // no cycle starts on what was struck out
 ];
-/// Commands whose examples may end with exit code 1, a verdict that is not good: grease, a lens or an arm seen in
-/// few pictures, and a cell before its demo.
+/// Commands whose examples may end with exit code 1, a verdict other than accept: grease, a lens or an arm in too few
+/// pictures, and a cell before its demonstration.
 const MAY_FIND_FAULT: [&str; 5] = ["inspect", "tune", "doctor", "calibrate intrinsics", "calibrate robot"];
-/// Replacements for the ports in the examples, from the firewall's sixteen ports, for commands that listen.
+/// Replacements for the ports in the examples of commands that listen, from the firewall's sixteen ports.
 const PORTS: [(&str, &str); 2] = [("54600", "54608"), ("54601", "54609")];
 
 fn program() -> PathBuf {
@@ -57,7 +56,7 @@ fn help(of: &[String]) -> String {
     String::from_utf8(output.stdout).expect("UTF-8")
 }
 
-/// Returns the commands that a help text lists.
+/// Returns the subcommands that a help text lists.
 fn listed(help: &str) -> Vec<String> {
     let after = help.lines().skip_while(|line| *line != "Commands:").skip(1);
     let lines = after.take_while(|line| !line.is_empty());
@@ -95,7 +94,7 @@ fn all_examples() -> BTreeMap<String, (String, Vec<String>)> {
     all
 }
 
-/// The walk: its folder, and the result of each command.
+/// The folder in which the commands run, and the result of each command.
 struct Walk {
     folder: tempfile::TempDir,
 }
@@ -119,9 +118,9 @@ impl Walk {
     }
 
     fn run(&self, line: &str) -> Output {
-        let output = self.command(&smaller(line)).output().expect("a shell");
+        let output = self.command(&with_smaller_rendering(line)).output().expect("a shell");
         let texts = [&output.stdout, &output.stderr].map(|bytes| String::from_utf8_lossy(bytes).into_owned());
-        texts.iter().for_each(|text| fit_for_people(line, text));
+        texts.iter().for_each(|text| check_readable(line, text));
         let name = line.trim_start_matches("panelprep ");
         let worst = i32::from(MAY_FIND_FAULT.iter().any(|command| name.starts_with(command)));
         assert!(
@@ -132,15 +131,15 @@ impl Walk {
         output
     }
 
-    /// Starts a command that serves until it is ordered to end.
-    fn serves(&self, line: &str) -> Served {
-        let line = smaller(line);
+    /// Starts a command that runs until it is requested to end.
+    fn start_serving(&self, line: &str) -> Served {
+        let line = with_smaller_rendering(line);
         let mut command = self.command(&format!("exec {line}"));
         Served(command.stderr(Stdio::piped()).stdout(Stdio::null()).spawn().expect("a shell"))
     }
 }
 
-/// A child process that is ended with the walk.
+/// A child process that is killed when the test ends.
 struct Served(Child);
 
 impl Served {
@@ -176,7 +175,7 @@ fn copy(from: &Path, to: &Path) {
             copy(&path, &target);
             continue;
         }
-        // The manual's pictures are not text.
+        // The pictures of the manual are not text.
         let Ok(text) = fs::read_to_string(&path) else {
             fs::copy(&path, target).expect("copied");
             continue;
@@ -185,8 +184,8 @@ fn copy(from: &Path, to: &Path) {
     }
 }
 
-/// Changes a rendering command to fewer pixels and a shorter film.
-fn smaller(line: &str) -> String {
+/// Changes a rendering command so that it uses fewer pixels and a shorter film.
+fn with_smaller_rendering(line: &str) -> String {
     let words: Vec<&str> = line.split_whitespace().collect();
     let add = |more: &str| format!("{line} {more}");
     match words.iter().position(|word| ["render", "demo"].contains(word)) {
@@ -198,7 +197,7 @@ fn smaller(line: &str) -> String {
 }
 
 /// Checks that a text has no panic, no NaN, no zero with a sign, and no debug format.
-pub fn fit_for_people(line: &str, text: &str) {
+pub fn check_readable(line: &str, text: &str) {
     for wrong in ["panicked", "NaN", "Some(", "None,", "Ok(", "Err("] {
         assert!(!text.contains(wrong), "{line}: {wrong}: {text}");
     }
@@ -212,7 +211,7 @@ pub fn fit_for_people(line: &str, text: &str) {
     assert_eq!(zero, None, "{line}: {text}");
 }
 
-/// Returns a command's place in the walk's order; commands that are not listed are at `*`.
+/// Returns the position of a command in the order; commands that are not in the list are at `*`.
 fn place(name: &str) -> usize {
     let of = |wanted: &str| ORDER.iter().position(|known| *known == wanted);
     of(name).or(of("*")).expect("a star")
@@ -230,24 +229,24 @@ fn every_command_of_readme_and_help_does_what_it_states() {
             let began = Instant::now();
             match name.as_str() {
                 "render" => {
-                    // Other examples need a labelled set, which this example does not make.
+                    // Other examples need a labelled set, which this example does not create.
                     let wants = texts.contains("render --clips 6") && line.contains("--boards");
                     let clips = if wants { " --clips 6" } else { "" };
                     walk.run(&format!("{line}{clips}"));
                 }
-                "run" => served_and_asked(&walk, &line, &all["ctl"].1),
-                "label" => page_ended(&walk, &line),
+                "run" => serve_and_request(&walk, &line, &all["ctl"].1),
+                "label" => open_and_close_page(&walk, &line),
                 // These commands need a broker and a database: tests/office.rs starts both.
                 needs_servers if needs_servers == "fleet" || needs_servers.starts_with("archive ") => {}
                 "mock-robot" => {
-                    let mut mock = walk.serves(&line);
+                    let mut mock = walk.start_serving(&line);
                     mock.wait_for_line("mock controller");
                     mock.end();
                 }
                 _ => {
                     let output = walk.run(&line);
-                    // Writes the output of `locate` to the file in `> target/cell/located.json`, as the help texts
-                    // of later commands state it.
+                    // Writes the output of `locate` to the file in `> target/cell/located.json`, as the help texts of
+                    // later commands require.
                     let kept = all["refine"].0.split("with `> ").nth(1).and_then(|rest| rest.split('`').next());
                     if let (true, Some(file)) = (name == "locate", kept) {
                         fs::write(walk.folder.path().join(file), output.stdout).expect("written");
@@ -263,8 +262,8 @@ fn every_command_of_readme_and_help_does_what_it_states() {
 }
 
 /// Opens a page in the browser and closes it with its button.
-fn page_ended(walk: &Walk, line: &str) {
-    let mut served = walk.serves(line);
+fn open_and_close_page(walk: &Walk, line: &str) {
+    let mut served = walk.start_serving(line);
     let told = served.wait_for_line("http://");
     let url = told.split_whitespace().find(|word| word.starts_with("http://")).expect("an address");
     assert!(ask(url, "GET", "", "").contains("<!doctype html>"), "{line}");
@@ -273,17 +272,17 @@ fn page_ended(walk: &Walk, line: &str) {
 }
 
 /// Starts the service and sends the requests one after the other.
-fn served_and_asked(walk: &Walk, line: &str, asked: &[String]) {
-    let mut service = walk.serves(line);
+fn serve_and_request(walk: &Walk, line: &str, asked: &[String]) {
+    let mut service = walk.start_serving(line);
     service.wait_for_line("listens on");
     for question in asked {
-        // A reset is accepted once the controller has answered and no cycle runs, a start once the reset is
-        // complete.
+        // A reset is accepted after the controller has answered and if no cycle is running; a start is accepted after
+        // the reset is complete.
         let since = Instant::now();
         loop {
             let output = walk.command(&format!("panelprep {question}")).output().expect("a shell");
             if output.status.success() {
-                fit_for_people(question, &String::from_utf8_lossy(&output.stdout));
+                check_readable(question, &String::from_utf8_lossy(&output.stdout));
                 break;
             }
             let said = String::from_utf8_lossy(&output.stdout).into_owned();
@@ -294,7 +293,8 @@ fn served_and_asked(walk: &Walk, line: &str, asked: &[String]) {
     assert_eq!(service.end(), Some(0), "{line}");
 }
 
-/// Runs README's code blocks: of the `make` lines the parts that use this program, and all other lines as written.
+/// Runs the code blocks of README: of the `make` lines only the parts that use this program, and all other lines as
+/// written.
 fn readme(walk: &Walk) {
     let text = fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("README.md")).expect("README");
     let blocks: Vec<&str> =
@@ -304,7 +304,7 @@ fn readme(walk: &Walk) {
         let line = line.split(" #").next().unwrap_or_default().trim();
         if let Some(target) = line.strip_prefix("make ") {
             let makefile = env!("CARGO_MANIFEST_DIR");
-            // If cargo builds into another folder, make would name the program there.
+            // If cargo builds into another folder, make would use the program there.
             let mut make = Command::new("make");
             let output =
                 make.args(["-n", "-C", makefile, target]).env_remove("CARGO_TARGET_DIR").output().expect("make");
@@ -333,7 +333,7 @@ fn pages(folder: &Path) {
                 // Embedded pictures are text without words.
                 let words =
                     html.split("src=\"data:").map(|part| part.split_once('"').map_or(part, |(_, rest)| rest));
-                fit_for_people(&path.display().to_string(), &words.collect::<String>());
+                check_readable(&path.display().to_string(), &words.collect::<String>());
                 seen += 1;
             }
         }

@@ -1,4 +1,4 @@
-//! The service in real time: `panelprep run` and `panelprep mock-robot` as two programs, connected by sockets.
+//! Tests the service in real time: `panelprep run` and `panelprep mock-robot` as two programs, connected by sockets.
 
 use super::service::{START, Service, replays, taught};
 use std::io::{BufRead, BufReader};
@@ -6,10 +6,10 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::sync::{Arc, Mutex};
 
-/// Two of the sixteen ports that a controller's firewall leaves open; no other test uses them.
+/// Two of the sixteen ports that a controller's firewall opens; no other test uses them.
 const PORTS: [u16; 2] = [54_614, 54_615];
 
-/// A stand-alone controller and the lines that it printed; killed when the test ends.
+/// A stand-alone mock controller and the lines that it printed; killed when the test ends.
 pub struct Mock {
     child: Child,
     told: Arc<Mutex<Vec<String>>>,
@@ -49,8 +49,8 @@ impl Mock {
     }
 }
 
-/// Changes the files of a taught cell so that its robot is reached over two sockets and its cameras replay the pictures
-/// of a folder.
+/// Changes the files of a taught cell so that its robot is connected over two sockets and its cameras replay the
+/// pictures of a folder.
 pub fn over_sockets(folder: &Path, [command, state]: [u16; 2]) {
     for (file, shipped) in [
         ("CELLCMD.xml", include_str!("../config/kuka/CELLCMD.xml")),
@@ -83,8 +83,8 @@ pub fn over_sockets(folder: &Path, [command, state]: [u16; 2]) {
     std::fs::write(cell.join("cell.toml"), text).expect("written");
 }
 
-/// A stop during motion, a controller that disappears during motion, and the recovery from that. Each ends in the
-/// required state, and nothing moves without a request.
+/// A stop during a motion, a controller that disappears during a motion, and the recovery. Each ends in the required
+/// state, and nothing moves without a request.
 #[test]
 fn the_service_stops_and_survives_a_controller_by_the_wall_clock() {
     let folder = taught("clean");
@@ -103,7 +103,7 @@ fn the_service_stops_and_survives_a_controller_by_the_wall_clock() {
 
     service.reset();
     service.done(&format!("{START} --record wall.mcap"));
-    // The scan was computed beside the loop while the robot continued to report.
+    // The scan was evaluated in parallel with the loop, while the robot continued to report.
     service.wait("the way to the corner", |service| service.done("state")["phase"] == "refine");
     drop(mock);
     service.reach("aborted");
@@ -116,5 +116,5 @@ fn the_service_stops_and_survives_a_controller_by_the_wall_clock() {
     service.reach("stopped");
     assert_eq!(mock.count_lines("executed"), 0, "nothing moves because the link is back");
     service.signal(rustix::process::Signal::TERM);
-    assert_eq!(service.ended().code(), Some(0));
+    assert_eq!(service.wait_for_end().code(), Some(0));
 }

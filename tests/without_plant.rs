@@ -1,10 +1,11 @@
-//! A cell works without its plant's servers, and with wrong files for them: the log and doctor state what is wrong.
+//! Tests that a cell works without the servers of the plant, and with wrong files for them: log and doctor report the
+//! problems.
 
 use super::commands::{json, rendered};
 use super::service::Service;
 
-/// Each connection is reported by its file or address. None prevents the service from starting, and the service
-/// ends at once.
+/// Each connection is reported with its file or address. None prevents the service from starting, and the service can
+/// be ended immediately.
 #[test]
 fn wrong_files_of_the_plant_stop_no_cell() {
     let folder = rendered("clean");
@@ -42,7 +43,7 @@ certificates = 'cell.toml'
     let service = Service::start(folder);
     for words in [
         "operator's page: cell/none.pem: No such file or directory (os error 2); check the files that [page] in the cell's file names",
-        "the transfer of records to the office does not work: cell/no-ca.pem: No such file",
+        "the transfer of records to the office server does not work: cell/no-ca.pem: No such file",
         "the transfer of signed records to the quality system does not work: cell/no-token: No such file",
         "MQTT Sparkplug: no connection to localhost:1: cell/no-password: No such file",
         "OPC UA server: certificate file cell/cell.toml/own: Not a directory",
@@ -57,6 +58,6 @@ certificates = 'cell.toml'
     }
     let begun = std::time::Instant::now();
     service.signal(rustix::process::Signal::TERM);
-    assert!(service.ended().success());
+    assert!(service.wait_for_end().success());
     assert!(begun.elapsed().as_secs() < 20, "{:?}", begun.elapsed());
 }

@@ -6,7 +6,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use syn::visit::{self, Visit};
 
-/// Texts that are read by machines, or by programmers: part of the file's name, part of the text.
+/// Texts that are read by machines or by programmers: part of the file's name, part of the text.
 const FOR_MACHINES: [(&str, &str); 31] = [
     // TOML and digests need every digit, and quotes around a text.
     ("cell/calibration.rs", "{number:?}"),
@@ -33,7 +33,7 @@ const FOR_MACHINES: [(&str, &str); 31] = [
     ("cli/render_boards.rs", "p{number}_axes_deg = {"),
     ("cell/robot_correction.rs", "left_out_before_mm = {"),
     ("cell/robot_correction.rs", "left_out_after_mm = {"),
-    // Keys under which results of simulations are found again.
+    // Keys under which results of simulations are stored in a cache.
     ("daemon/computing/memory.rs", "{act:?}"),
     ("daemon/perception.rs", "{located:?}"),
     ("daemon/perception.rs", "{failed:?}"),
@@ -44,7 +44,7 @@ const FOR_MACHINES: [(&str, &str); 31] = [
     ("devices/zivid/scanner.rs", "?found"),
 ];
 
-/// The texts of a file that people read, as they are written in its code.
+/// The texts in a file that people read, as they are written in its code.
 #[derive(Default)]
 struct Texts {
     found: Vec<String>,
@@ -60,7 +60,7 @@ fn is_for_tests(attributes: &[syn::Attribute]) -> bool {
     })
 }
 
-/// Returns the string literals among some tokens, and the marks of `tracing` before a field.
+/// Returns the string literals in a token sequence, and the markers of `tracing` before a field.
 fn literals(tokens: &str, marks: bool) -> Vec<String> {
     let (mut found, mut code, mut rest) = (Vec::new(), String::new(), tokens);
     while let Some(start) = rest.find('"') {
@@ -116,7 +116,7 @@ impl<'ast> Visit<'ast> for Texts {
     }
 }
 
-/// Returns each file below `src` with its texts, without what is compiled for tests alone.
+/// Returns each file below `src` with its texts, without code that is compiled only for tests.
 pub fn texts() -> Vec<(String, Vec<String>)> {
     let (mut left_out, mut files) = (BTreeSet::new(), Vec::new());
     for (name, source) in sources().iter().filter_map(|(name, source)| Some((name.strip_prefix("src/")?, source))) {
@@ -149,8 +149,7 @@ fn has_debug_form(text: &str) -> bool {
         || text.replace("{{", "").split('{').skip(1).any(inside)
 }
 
-/// Returns whether a number is rounded in a text that states what is allowed. A position in a picture is not a
-/// measured number.
+/// Returns whether a number is rounded in a text that states a limit. A position in a picture is not a measured number.
 fn rounds_beside_a_limit(text: &str) -> bool {
     let says = ["allowed", "needed", "wanted", "limit", "limits", "minimum"];
     let words: Vec<&str> = text.split(|c: char| !c.is_alphanumeric() && c != '_').collect();
@@ -189,7 +188,7 @@ fn a_number_beside_its_limit_is_printed_by_number_text() {
     );
 }
 
-/// Checks that the rules find planted texts.
+/// Checks that the test detects injected texts.
 #[test]
 fn planted_texts_are_found() {
     let code = r#"
@@ -211,7 +210,8 @@ fn planted_texts_are_found() {
     }
 }
 
-/// Words of a former dialect of this code, with the standard term. They are refused in comments and in texts for people.
+/// Words of a former dialect of this code, with the standard term. They are refused in comments and in texts for
+/// people.
 const DIALECT: [(&str, &str); 15] = [
     ("told", "reported, measured, commanded"),
     ("whoever", "the person, the operator, the caller"),
@@ -247,13 +247,13 @@ const DIALECT_NAMES: [(&str, &str); 9] = [
     ("minds", "rejects"),
 ];
 
-/// The longest line of a comment, characters. The formatter wraps code, not comments.
+/// Maximum length of a comment line, characters. The formatter wraps code, not comments.
 const COMMENT_LINE: usize = 130;
 
-/// The longest subject of a commit, characters.
+/// Maximum length of the subject of a commit, characters.
 const SUBJECT: usize = 72;
 
-/// Returns the terms of a list that are in a text, as whole words; the names of placeholders do not count.
+/// Returns the terms of a list that are in a text, as whole words; names of placeholders are ignored.
 pub fn dialect<'l>(text: &str, list: &'l [(&'l str, &'l str)]) -> impl Iterator<Item = &'l (&'l str, &'l str)> {
     let without: String = text.split('{').map(|part| part.split_once('}').map_or(part, |(_, rest)| rest)).collect();
     let words: Vec<String> = without
@@ -337,7 +337,7 @@ fn no_function_has_a_dialect_name() {
 
 #[test]
 fn comment_lines_and_subjects_of_commits_are_short() {
-    // A table's row, a formula and an example of JSON cannot be broken.
+    // A row of a table, a formula and an example of JSON cannot be broken.
     let is_one_piece = |text: &str| text.starts_with(['|', '{']) || text.starts_with("   ") || text.contains("──");
     let is_long = |line: &str| {
         let comment = line.trim_start().strip_prefix("//").map(|text| text.trim_start_matches(['/', '!']));
@@ -366,7 +366,7 @@ fn comment_lines_and_subjects_of_commits_are_short() {
     }
 }
 
-/// Checks that the rules find planted dialect.
+/// Checks that the test detects injected dialect.
 #[test]
 fn planted_dialect_is_found() {
     let planted = "/// Where nobody stands, it goes\n/// on so often.\nfn f() {}\n// Retold: a golden rule.\n";

@@ -189,7 +189,7 @@ pub fn derive(
         let picture =
             picture.map_err(|error| TeachingFault::TaughtCorner { number: index + 1, cause: error.to_string() })?;
         let view = (&picture, shot.base_from_flange.to_rigid());
-        match learn::corner(&panel, (recipe.corner(), index), view, (&camera, mount)) {
+        match learn::teach_corner(&panel, (recipe.corner(), index), view, (&camera, mount)) {
             Ok(corner) => corners.push(corner),
             Err(error) => problems.push(format!("{}: {error}", name(index))),
         }

@@ -11,7 +11,7 @@ use panelprep_base::geometry::{Base, Flange, FlangeCamera, KukaPose, Panel, Rigi
 use panelprep_base::verdict::Judgement;
 use panelprep_cell::files;
 use panelprep_cell::panel::TaughtSource;
-use panelprep_service::report::{missing_share, scan_picture};
+use panelprep_service::report::{missing_fraction, scan_picture};
 use panelprep_service::stages::corners::{CornerReference, Correction, Sighting};
 use panelprep_service::stages::locate::{LocateOutcome, locate};
 use panelprep_vision::calib::budget;
@@ -234,7 +234,7 @@ pub fn run_look(args: &Look, common: &Common) -> Result<Outcome, Fault> {
     checked.map_err(|error| Fault::file_fault(&args.scan, error))?;
     let picture = scan_picture(&scan).map_err(Fault::stage)?;
     let file = disk::save_picture(&args.pictures, "scan", &picture)?;
-    let share = missing_share(&scan);
+    let share = missing_fraction(&scan);
     let depths_mm = scan.valid_points().map(|(_, point)| point.mm.z);
     let (near_mm, far_mm) =
         depths_mm.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), z| (low.min(z), high.max(z)));

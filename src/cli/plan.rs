@@ -68,10 +68,10 @@ pub fn run(args: &Plan, common: &Common) -> Result<Outcome, Fault> {
     let plan = plan::lay_lesser_paths(on, (&treated, &grids), (&recipe, tool)).map_err(Fault::stage)?;
     let is_reach_checked = !matches!(reach, ReachStart::Unknown);
     let mut stage = plan::judge(plan, on, reach, (&recipe, tool), (None, EarlierRemoval::default()));
-    stage = stage.with_breaks(located_mm(args)?, &recipe);
+    stage = stage.with_break_position_check(located_mm(args)?, &recipe);
     if files.cell.limits().workspace().is_some() || program.is_some() {
         let poses = PanelPoses { now: base_from_panel, nominal: taught.panel.nominal_pose };
-        stage = stage.gated_in_base(poses, files.cell.limits());
+        stage = stage.with_base_checks(poses, files.cell.limits());
     }
     let reach_words = match &stage.reached {
         Some(reached) => format!(

@@ -15,7 +15,7 @@ use panelprep_cell::cell::{
 use panelprep_cell::files::{read_flange, write_pose};
 use panelprep_cell::recipe::Recipe;
 use panelprep_service::daemon::{
-    self, Calibrations, CellSetup, Computing, CycleSetup, LoopPorts, LoopStart, Player, RECORDING_FLOOR_MB,
+    self, Calibrations, CellSetup, Computing, CycleSetup, LoopPorts, LoopStart, Player, MIN_FREE_SPACE_FOR_RECORDING_MB,
     RecordingPlan, RecordingResult, RecordingStatus, ReplayResult, disk_full_message, free_mb,
 };
 use panelprep_service::report::page::{Row, Section};
@@ -66,7 +66,7 @@ pub fn check_recording_file(file: Option<&Path>, store: &Path) -> Result<(), Fau
     }
     let place = file.unwrap_or(store);
     let free_mb = free_mb(place).map_err(|error| Fault::file_fault(place, error))?;
-    if free_mb < RECORDING_FLOOR_MB {
+    if free_mb < MIN_FREE_SPACE_FOR_RECORDING_MB {
         return Err(Fault::file_fault(place, disk_full_message(free_mb)));
     }
     Ok(())
@@ -340,7 +340,7 @@ pub fn replay(args: &Replay) -> Result<Outcome, Fault> {
     let checked = tape::check_recording(open(file)?).map_err(refused)?;
     let recorded = RecordedCycle::read(file, &checked)?;
     let RecordedCycle { cell, recipe, taught, calibrations, lens, removed_before } = recorded;
-    let cell = Arc::new(CellSetup::new(&cell).map_err(Fault::stage)?.replayed());
+    let cell = Arc::new(CellSetup::new(&cell).map_err(Fault::stage)?.for_replay());
     let setup = CycleSetup::new(cell.clone(), recipe, (taught.panel, taught.corners), (calibrations, lens))
         .map(|setup| setup.with_earlier_removal(removed_before));
     let cycle = Some(Arc::new(setup.map_err(Fault::stage)?));

@@ -1,9 +1,10 @@
-//! `panelprep check`: the kind of a file, its problems, and how the program understood it.
+//! `panelprep check`: detects the kind of each file, reports its problems, and describes its content as the program
+//! understood it.
 //!
-//! The top-level keys of a file determine its kind, so the name of the file is free. Exceptions:
+//! The kind of a file is determined by its top-level keys; the name of the file is free. Exceptions:
 //!
-//! - A file that begins with `<`, or whose name ends with `.xml`, is an EthernetKRL file; several of these are checked
-//!   for conflicts with each other.
+//! - A file that begins with `<`, or whose name ends with `.xml`, is an EthernetKRL file. Several EthernetKRL files are
+//!   also checked for conflicts with each other.
 //! - Files with names that end with `.src`, `.sub` or `.dat` are KRL and are checked as one program.
 //! - A file with a name that ends with `.yml` or `.yaml` contains the settings of a Zivid, or a lens calibration in the
 //!   format of OpenCV, ROS or Zivid.
@@ -37,7 +38,7 @@ use report::{
     describe_recipe, describe_removal, reports_of_kind,
 };
 
-/// A kind of file: its name, its top-level keys, and the function that checks it.
+/// A kind of configuration file: its name, its top-level keys, and the function that checks it.
 struct FileKind {
     name: &'static str,
     keys: &'static [&'static str],
@@ -85,23 +86,24 @@ const fn mount<M: Mount>(keys: &'static [&'static str]) -> FileKind {
     FileKind { name: M::TABLE, keys, check: |name, text| MountedPose::<M>::check(name, text).map(describe_mount) }
 }
 
-/// The purpose for which files are checked, and the conditions of the check.
+/// The purpose for which files are checked, and the options of the check.
 #[derive(Clone, Copy)]
 pub struct CheckedFor<'a> {
-    /// A cell's file must state all that this purpose needs. With `None`, no key is required that only a motion or a
-    /// cycle needs.
+    /// The purpose for which the cell's file must be complete. With `None`, the keys that only a motion or a cycle
+    /// needs may be missing.
     pub purpose: Option<Purpose>,
-    /// Whether a missing file that the cell names is only a warning.
+    /// Whether a missing file that the cell's file names is only a warning.
     pub are_missing_files_allowed: bool,
-    /// Reads the files that the cell names.
+    /// The function that reads the files named in the cell's file.
     pub read: ReadNamed<'a>,
-    /// KRL is checked for controllers with this version of KSS or a higher one; `None` if the version is not known.
+    /// The version of KSS on the controller: KRL is checked for this version and higher ones; `None` if it is not
+    /// known.
     pub kss: Option<Kss>,
 }
 
-/// Checks the texts of configuration files, each by itself and all against each other. Each element of `files` is the
-/// name that messages use, and the text of the file. If a purpose is given, a cell's file must state all that the
-/// purpose needs; the files that it names are not read.
+/// Checks the texts of configuration files: each file by itself, and all files against each other. Each element of
+/// `files` is the file's name in messages and its text. If a purpose is given, the cell's file must contain all values
+/// that this purpose needs; the files that it names are not read.
 pub fn check_files(files: &[(&str, &str)], purpose: Option<Purpose>) -> Vec<FileReport> {
     let checked_for = CheckedFor { purpose, are_missing_files_allowed: true, read: &skip_file, kss: None };
     check_files_for(files, &checked_for)
@@ -168,13 +170,13 @@ pub fn check_files_for(files: &[(&str, &str)], checked_for: &CheckedFor<'_>) -> 
     reports
 }
 
-/// Returns the only cell among the files with its index, if there is exactly one and it has no problem of its own.
+/// Returns the cell and its index in `files`, if exactly one of the files is a cell and it has no problem.
 fn single_cell(files: &[(&str, &str)], reports: &[FileReport]) -> Option<(usize, Cell)> {
     let [place] = reports_of_kind(CELL_KIND, reports)[..] else { return None };
     Some((place, Cell::check(files[place].0, files[place].1).ok()?))
 }
 
-/// Reports the demands of recipes that the cell cannot meet, if exactly one cell is among the files.
+/// Reports the requirements of recipes that the cell cannot meet, if exactly one cell is among the files.
 fn check_recipes_against_cell(files: &[(&str, &str)], read: ReadNamed<'_>, reports: &mut [FileReport]) {
     let Some((_, cell)) = single_cell(files, reports) else { return };
     for place in reports_of_kind(RECIPE, reports) {
@@ -230,15 +232,15 @@ fn check_own_format(name: &str, text: &str, checked_for: &CheckedFor<'_>) -> Fil
     }
 }
 
-/// Name of the kind of a cell's file, the only kind that is checked for a purpose.
+/// Kind of a cell's file, the only kind that is checked for a purpose.
 const CELL_KIND: &str = "cell";
 
-/// Returns the problems and the warnings about values that the purpose needs but the cell's file does not state, each
-/// at its line; the first problem names the purpose. All missing files together are one warning, if missing files are
-/// allowed.
+/// Returns the problems and the warnings about values that the purpose needs and the cell's file does not contain, each
+/// with its line. The first problem names the purpose. If missing files are allowed, all of them are reported in one
+/// warning.
 fn check_completeness(name: &str, text: &str, checked_for: &CheckedFor<'_>) -> (Vec<Problem>, Vec<Problem>) {
     let Ok(cell) = Cell::check(name, text) else { return (vec![], vec![]) };
-    // Without a purpose no value is required, but the values that are present must be right.
+    // Without a purpose no value is required, but the values that are present must be valid.
     let mut all = incomplete_files(&cell, checked_for.purpose.unwrap_or(Purpose::Cycle), checked_for.read);
     all.retain(|unmet| {
         checked_for.purpose.is_some() || matches!(unmet.kind, ProblemKind::MissingFile | ProblemKind::WrongFile)
@@ -261,12 +263,12 @@ fn check_completeness(name: &str, text: &str, checked_for: &CheckedFor<'_>) -> (
     (problems, missing_files_warning(text, missing).into_iter().chain(to_problems(text, open)).collect())
 }
 
-/// Returns one warning for all missing files, at the line of the first one.
+/// Returns one warning that lists all missing files, at the line of the first one.
 fn missing_files_warning(text: &str, missing: Vec<UnmetRequirement>) -> Option<Problem> {
     let lines = missing.iter().map(|unmet| config::key_line(text, &unmet.key));
     let line = lines.min()?;
     let keys: Vec<String> = missing.into_iter().map(|unmet| unmet.key).collect();
-    let files = if keys.len() == 1 { "the named file does" } else { "the named files do" };
+    let files = if keys.len() == 1 { "the file that it names does" } else { "the files that it names do" };
     Some(Problem {
         line,
         key: keys.join(", "),
@@ -281,14 +283,14 @@ fn unclear_kind_report(message: String) -> FileReport {
     FileReport { kind: None, problems, warnings: vec![], descriptions: vec![] }
 }
 
-/// Returns the kind that shares the most top-level keys with the file; `None` if several kinds share the same number.
-/// If the file has no key of a known kind, the nearest known keys count instead, because keys may be misspelt.
+/// Returns the kind that has the most top-level keys in common with the file; `None` if two kinds have the same number.
+/// If the file has no key of a known kind, the most similar known keys are used, because keys may be misspelt.
 fn detect_kind(top: &[String]) -> Option<&'static FileKind> {
     let all: Vec<&str> = KINDS.iter().flat_map(|kind| kind.keys).copied().collect();
     let right = |kind: &FileKind| top.iter().filter(|key| kind.keys.contains(&key.as_str())).count();
     let meant: Vec<&str> = top.iter().filter_map(|key| config::nearest(key, &all)).map(|(name, _)| name).collect();
     let near = |kind: &FileKind| meant.iter().filter(|name| kind.keys.contains(name)).count();
-    // A file with exactly the keys of one kind is of that kind, even if a kind with more keys also has all of them.
+    // A file with exactly the keys of one kind is of that kind, even if another kind has these keys and further ones.
     let is_whole = |kind: &FileKind| top.len() == kind.keys.len() && right(kind) == top.len();
     match KINDS.iter().find(|kind| is_whole(kind)) {
         Some(kind) => Some(kind),
@@ -312,7 +314,7 @@ mod tests {
         check_file(name, text).problems.into_iter().map(|problem| problem.message).collect()
     }
 
-    /// Each default value that a sample file states is the default value of the program.
+    /// Compares each default value that a sample file states with the default value of the program.
     #[test]
     fn sample_files_state_the_default_values() {
         let text = include_str!("../../config/cell.toml");
@@ -351,7 +353,7 @@ mod tests {
         }
     }
 
-    /// The top-level keys that `KINDS` lists are the keys that the checks accept.
+    /// Compares the top-level keys that `KINDS` lists with the keys that the checks accept.
     #[test]
     fn each_kind_lists_the_keys_that_its_check_accepts() {
         for kind in &KINDS {
@@ -380,8 +382,8 @@ mod tests {
         assert_eq!(check_file("CELLCMD.XML", "x = 3").kind, Some("EthernetKRL"));
     }
 
-    /// Calculated by hand: 2 atan(972 / 1785) = 57.1°, 2 atan(600 / 1784) = 37.2°. A recipe by itself is correct; if
-    /// it is checked with a cell, the cell's tool must be able to execute it.
+    /// Expected values, calculated by hand: 2 atan(972 / 1785) = 57.1° and 2 atan(600 / 1784) = 37.2°. The recipe is
+    /// valid when it is checked alone. When it is checked with a cell, the cell's tool must be able to execute it.
     #[test]
     fn recipes_are_checked_against_the_cell() {
         let recipe = ("panel.toml", include_str!("../../config/panels/example.toml"));

@@ -1,10 +1,10 @@
-//! The values and files that a cell's file must state for a purpose: decided here for every command.
+//! The values and files that a cell's file must contain for a purpose: decided here for all commands.
 //!
-//! A cell's file may omit what offline work does not need. If a value is missing without which a motion or a cycle
-//! would be refused later, the command refuses it before anything begins, and `panelprep check` reports it at the desk.
-//! [`unmet_requirements`] examines only the cell's file; [`incomplete_files`] also examines the files that it names:
-//! whether they exist, and the results of their own checks. `check`, `doctor`, `run` and `cycle` use these two
-//! functions. `panelprep doctor` checks whether devices answer.
+//! A cell's file may omit values that offline work does not need. If a value is missing without which a motion or a
+//! cycle would be refused later, the command refuses it before anything begins, and `panelprep check` reports it in
+//! advance. [`unmet_requirements`] examines only the cell's file; [`incomplete_files`] also examines the files that it
+//! names: whether they exist, and the results of their own checks. `check`, `doctor`, `run` and `cycle` use these two
+//! functions. `panelprep doctor` also checks whether the devices answer.
 
 pub mod recipe_fits;
 
@@ -21,17 +21,17 @@ use panelprep_toolpath::path::Kinematics;
 use panelprep_toolpath::path::reach::joint_motion;
 use std::path::Path;
 
-/// The intended use of a cell.
+/// The purpose for which a cell's file must be complete.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Purpose {
     /// A single function of the robot.
     Robot,
-    /// A cycle, or the cycle's path in the air.
+    /// A cycle, or an air-run of its path.
     Cycle,
 }
 
 impl Purpose {
-    /// Returns the commands for this use.
+    /// Returns the commands for this purpose.
     pub fn commands(self) -> &'static str {
         match self {
             Purpose::Robot => "`panelprep robot` and `mock-robot`",
@@ -40,7 +40,7 @@ impl Purpose {
     }
 }
 
-/// A value that a purpose needs and that a cell's file does not state, or for which it states an impossible value.
+/// A value that a purpose needs and that is missing or impossible in the cell's file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct UnmetRequirement {
     /// The key with its tables, such as `poses.park.a1_deg`.
@@ -60,7 +60,7 @@ pub enum ProblemKind {
     MissingFile,
     /// A file that the cell's file names exists, but is not valid.
     WrongFile,
-    /// The programs of a real controller were not accepted: the cell may be commissioned, but no cycle starts.
+    /// The programs of a real controller were not accepted: the cell may be commissioned, but no cycle can start.
     Acceptance,
 }
 
@@ -70,27 +70,27 @@ impl UnmetRequirement {
     }
 }
 
-/// Text that states how to create a missing calibration file.
+/// Advice how to create a missing calibration file.
 pub const CALIBRATION_ADVICE: &str = "`panelprep demo` creates this file for config/cell.toml, `panelprep render` for \
                                       another simulated cell, `panelprep calibrate` for a real cell";
 
-/// The result of reading a file that a cell's file names.
+/// The result of reading a file that is named in a cell's file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum NamedFile {
     /// Its text.
     Text(String),
     /// The file does not exist.
     Missing,
-    /// The file exists but cannot be read; the text is the reason.
+    /// The file exists but cannot be read, for this reason.
     Unreadable(String),
     /// The reader did not search for the file.
     NotChecked,
 }
 
-/// A function that reads a named file.
+/// A function that reads a file named in a cell's file.
 pub type ReadNamed<'a> = &'a dyn Fn(&Path) -> NamedFile;
 
-/// Returns everything that this purpose needs and the cell's file does not contain; empty if nothing is missing.
+/// Returns all requirements of this purpose that the cell's file does not meet; empty if it is complete.
 pub fn unmet_requirements(cell: &Cell, purpose: Purpose) -> Vec<UnmetRequirement> {
     let is_mock = cell.robot().kind() == RobotKind::Mock;
     match purpose {
@@ -113,15 +113,14 @@ pub fn unmet_requirements(cell: &Cell, purpose: Purpose) -> Vec<UnmetRequirement
     }
 }
 
-/// Returns the result of [`unmet_requirements`], the files named in the cell's file that are missing or not valid, and
-/// the missing acceptance of a real controller's programs.
+/// Returns the result of [`unmet_requirements`], the named files that are missing or not valid, and the missing
+/// acceptance of a real controller's programs.
 pub fn incomplete_files(cell: &Cell, purpose: Purpose, read: ReadNamed<'_>) -> Vec<UnmetRequirement> {
     let of_files = unmet_files(cell, purpose, read);
-    unmet_requirements(cell, purpose).into_iter().chain(of_files).chain(acceptance(cell, purpose)).collect()
+    unmet_requirements(cell, purpose).into_iter().chain(of_files).chain(missing_acceptance(cell, purpose)).collect()
 }
 
-/// Converts requirements that the file with this text does not meet to problems, each at the line of its key, in the
-/// order of the lines.
+/// Converts unmet requirements of the file with this text to problems, each at the line of its key, ordered by line.
 pub fn to_problems(text: &str, unmet: Vec<UnmetRequirement>) -> Vec<Problem> {
     let problem = |UnmetRequirement { key, message, .. }| Problem { line: key_line(text, &key), key, message };
     let mut problems: Vec<Problem> = unmet.into_iter().map(problem).collect();
@@ -129,16 +128,16 @@ pub fn to_problems(text: &str, unmet: Vec<UnmetRequirement>) -> Vec<Problem> {
     problems
 }
 
-/// Returns an unmet requirement if a cycle on a real controller lacks the checksum of the programs with which the cell
-/// was accepted. A rehearsal with `mock-robot` on this computer needs none. This is an early notice and not the
-/// safeguard: the daemon recognises a real controller behind a tunnel by its state, and in automatic mode nothing moves
-/// without signed proofs, which need the checksum.
-fn acceptance(cell: &Cell, purpose: Purpose) -> Option<UnmetRequirement> {
+/// Returns an unmet requirement if the checksum of the accepted programs is missing for a cycle on a real controller. A
+/// rehearsal with `mock-robot` on this computer needs none. This is an early message and not the safety check: the
+/// daemon recognises a real controller behind a tunnel by its state, and in automatic mode nothing moves without signed
+/// acceptance tests, which require the checksum.
+fn missing_acceptance(cell: &Cell, purpose: Purpose) -> Option<UnmetRequirement> {
     let robot = cell.robot();
     let message = "is missing, so it is NOT PROVEN with which programs of the controller this cell was accepted, and other programs \
                    would not be noticed; run `panelprep doctor --kuka DIR --accept` with the controller's files and add the \
                    line that it prints";
-    let lacks = purpose == Purpose::Cycle && is_elsewhere(robot) && robot.programs_sum().is_none();
+    let lacks = purpose == Purpose::Cycle && is_on_another_machine(robot) && robot.programs_sum().is_none();
     lacks.then(|| UnmetRequirement {
         kind: ProblemKind::Acceptance,
         ..UnmetRequirement::new("robot.programs_sum", message)
@@ -146,7 +145,7 @@ fn acceptance(cell: &Cell, purpose: Purpose) -> Option<UnmetRequirement> {
 }
 
 /// Returns whether the controller runs on another machine, according to its address.
-fn is_elsewhere(robot: &Robot) -> bool {
+fn is_on_another_machine(robot: &Robot) -> bool {
     robot.kind() == RobotKind::Eki && !robot.is_local_controller()
 }
 
@@ -158,8 +157,8 @@ fn simulated_cameras(cell: &Cell) -> [(&'static str, bool); 2] {
     ]
 }
 
-/// Returns the outputs and feedbacks that are missing. The simulation reports the effect of each output by a feedback,
-/// so a simulated cell needs all feedbacks.
+/// Returns the missing outputs and feedbacks. The simulation reports the effect of each output by a feedback, so a
+/// simulated cell needs all feedbacks.
 fn missing_outputs_and_feedbacks(cell: &Cell, simulates: bool) -> Vec<UnmetRequirement> {
     let io = cell.inputs_outputs();
     let mut missing = Vec::new();
@@ -193,8 +192,8 @@ fn check_park(cell: &Cell) -> Vec<UnmetRequirement> {
     missing.into_iter().collect()
 }
 
-/// Checks that the arm can reach the park pose and the ready pose, and that it can move its axes from one to the other
-/// without an obstacle.
+/// Checks that the arm can reach the park pose and the ready pose, and that its axes can move from one to the other
+/// without a collision with an obstacle.
 fn check_poses(cell: &Cell) -> Vec<UnmetRequirement> {
     let (park, ready) = (cell.park_pose(), cell.pose("ready"));
     let named: Vec<(&str, Joints)> =
@@ -204,8 +203,8 @@ fn check_poses(cell: &Cell) -> Vec<UnmetRequirement> {
     if !beyond.is_empty() {
         return beyond;
     }
-    // The check is made without the tool, which a calibration determines: an obstacle for the arm alone is an obstacle
-    // with a tool, too.
+    // Checked without the tool, which is known only after a calibration: an obstacle for the arm alone is an obstacle
+    // for the arm with a tool, too.
     let (arm, no_tool) = (Kinematics::new(cell.arm()), Rigid::from_isometry_unchecked(Isometry3::identity()));
     let first = named.first().map(|first| (*first, *first));
     let both = named.first().zip(named.get(1)).into_iter();
@@ -224,7 +223,7 @@ fn check_poses(cell: &Cell) -> Vec<UnmetRequirement> {
     unmet_poses
 }
 
-/// Returns the axes of a pose that are beyond the arm's limits.
+/// Returns a problem for each axis of a pose that is beyond the arm's limits.
 fn axes_beyond_limits(cell: &Cell, name: &str, pose: &Joints) -> Vec<UnmetRequirement> {
     let axes = cell.arm().axes();
     let angles = pose.degrees();
@@ -253,10 +252,10 @@ fn check_box(cell: &Cell) -> Vec<UnmetRequirement> {
     check_box_unit("limits.box_max_mm", low, high).into_iter().collect()
 }
 
-/// No robot has a working volume whose longest edge is shorter than this, mm; the numbers of such a box are metres.
+/// Minimum length of the longest edge of a working volume, mm; the values of a smaller box are treated as metres.
 const MIN_LONGEST_EDGE_MM: f64 = 10.0;
 
-/// Reports a box whose edges are all so short that its numbers must be metres.
+/// Returns a problem if all edges of a box are so short that its values must be metres.
 fn check_box_unit(key: &str, low: [f64; 3], high: [f64; 3]) -> Option<UnmetRequirement> {
     let edges = [0, 1, 2].map(|axis| high[axis] - low[axis]);
     let message = || {
@@ -285,7 +284,7 @@ fn missing_calibrations(cell: &Cell) -> Vec<UnmetRequirement> {
 fn check_cameras(cell: &Cell) -> Vec<UnmetRequirement> {
     let mut wrong = Vec::new();
     let robot = cell.robot();
-    if is_elsewhere(robot) {
+    if is_on_another_machine(robot) {
         let message = format!(
             "found \"simulated\", a camera of the simulated cell, but [robot] is a controller at {}; configure the \
              real camera or a recording, or test with `panelprep mock-robot` and host = \"127.0.0.1\"",
@@ -322,8 +321,8 @@ const ALWAYS_READ_KEYS: [&str; 1] = ["calibration.robot_correction"];
 const ZIVID_SETTINGS: [(&str, ZividUse); 2] =
     [("scanner.settings", ZividUse::Scan), ("scanner.settings_2d", ZividUse::Film)];
 
-/// Returns the files for this purpose that are missing or not valid. The message of the first missing calibration
-/// states what to do.
+/// Returns the files for this purpose that are missing or not valid. Only the message about the first missing
+/// calibration contains the advice.
 fn unmet_files(cell: &Cell, purpose: Purpose, read: ReadNamed<'_>) -> Vec<UnmetRequirement> {
     let needs = |key: &str| purpose == Purpose::Cycle || ALWAYS_READ_KEYS.contains(&key);
     let correction = Correction::from_cell(cell, read);
@@ -367,11 +366,11 @@ fn named_files(cell: &Cell) -> Vec<(String, &Path)> {
     calibrations.chain(settings).collect()
 }
 
-/// The correction of the arm that the cell uses.
+/// The robot correction that the cell uses.
 enum Correction {
-    /// The hash of the correction's file, by which calibrations name it; `None` if the cell names no such file.
+    /// The hash of the correction's file, by which calibrations refer to it; `None` if the cell has no correction.
     Known(Option<String>),
-    /// The file was not read.
+    /// The file of the correction was not read.
     Unknown,
 }
 
@@ -385,15 +384,15 @@ impl Correction {
     }
 }
 
-/// Returns whether a mount that was measured with the robot was measured with this correction of the arm, named by its
-/// hash. `None` means that the mount must have been measured without a correction.
+/// Returns whether a mount that was measured with the robot was measured with this robot correction, given by its hash.
+/// `None` means that the mount must have been measured without a correction.
 pub fn is_same_correction<M: Mount>(mount: &MountedPose<M>, correction: Option<&str>) -> bool {
-    // A mount that a person wrote by hand was not measured with the robot.
+    // A mount whose values a person entered was not measured with the robot.
     let is_measured = mount.provenance.program.is_some() || mount.robot_correction.is_some();
     !is_measured || mount.robot_correction.as_deref() == correction
 }
 
-/// Checks a file as the kind of file that its key names.
+/// Checks a file as the kind of file that its key requires.
 fn check_named_file(key: &str, name: &str, text: &str, correction: &Correction) -> Result<(), Problems> {
     if let Some((_, usage)) = ZIVID_SETTINGS.into_iter().find(|(settings, _)| *settings == key) {
         return ZividSettings::check(name, text, usage).map(drop);
@@ -422,7 +421,7 @@ fn check_mount<M: Mount>(name: &str, text: &str, correction: &Correction) -> Res
     Err(problem(name, text, format!("{}.robot_correction", M::TABLE), message))
 }
 
-/// Checks a tool's file. A cycle needs more than the tool centre point: the tool's axis must also be measured.
+/// Checks a tool's file. In addition to the tool centre point, a cycle needs the measured axis of the tool.
 fn check_tool_file(name: &str, text: &str, correction: &Correction) -> Result<(), Problems> {
     if check_mount::<ToolMount>(name, text, correction)?.axis_measured == Some(true) {
         return Ok(());

@@ -160,10 +160,10 @@ fn rendered<A: Side>(seeds: u64) -> MountFound {
         let started = Instant::now();
         let find = |picture| panelprep::calib::detect::detect("picture", picture, &boards::board(), None);
         let corners: Vec<_> = pictures.par_iter().map(|p| find(p).expect("a board").corners).collect();
-        let _lens = boards::lens_of(&camera, &corners);
-        let by_own = boards::error(&cell, &boards::many_poses::<A>(&own, &shots, &corners));
+        let _lens = boards::calibrate_lens(&camera, &corners);
+        let by_own = boards::error(&cell, &boards::calibrate_from_many_poses::<A>(&own, &shots, &corners));
         seconds.push(started.elapsed().as_secs_f64());
-        let by_truth = boards::error(&cell, &boards::many_poses::<A>(&truth, &shots, &corners));
+        let by_truth = boards::error(&cell, &boards::calibrate_from_many_poses::<A>(&truth, &shots, &corners));
         held += usize::from(by_own.held);
         with_truth.push(by_truth.mm);
         deg.push(by_truth.deg);
@@ -235,7 +235,7 @@ fn lenses<A: Side>(
 /// Injects a flipped board, two exchanged pictures and a mistyped number; each must be found and named.
 fn test_input_faults<A: Side>(seeds: u64) -> usize {
     let named = |fault: usize| {
-        let is_named = |seed: &u64| boards::is_named(&boards::faulty::<A>(*seed, fault), fault);
+        let is_named = |seed: &u64| boards::is_fault_named(&boards::calibrate_with_fault::<A>(*seed, fault), fault);
         (1..=seeds).into_par_iter().filter(is_named).count()
     };
     let [flipped, swapped, mistyped] = [0, 1, 2].map(named);
@@ -255,7 +255,7 @@ fn region<A: Side>(
         let cell = boards::cell(seed, robot);
         let shots = A::shots(&cell, POSES);
         let corners = boards::synthetic::<A>(&cell, &shots);
-        boards::error(&cell, &boards::many_poses::<A>(&lens(&cell), &shots, &corners))
+        boards::error(&cell, &boards::calibrate_from_many_poses::<A>(&lens(&cell), &shots, &corners))
     };
     let errors: Vec<Error> = (1..=seeds).into_par_iter().map(one).collect();
     let held = errors.iter().filter(|error| error.held).count() as f64 / seeds as f64;

@@ -32,7 +32,7 @@ fn main() {
     scanner.wait_ready(TIMEOUT).expect("ready");
     let median_ms = crossing(&mut scanner, shots);
     let begun = Instant::now();
-    let killed = kills::killed(scanner, times, &mut rand_pcg::Pcg64::seed_from_u64(1));
+    let killed = kills::kill_repeatedly(scanner, times, &mut rand_pcg::Pcg64::seed_from_u64(1));
     println!(
         "{times} kills at random moments in {:.0} s, {} shots and pictures were complete; reported faults:",
         begun.elapsed().as_secs_f64(),
@@ -62,7 +62,7 @@ fn crossing(scanner: &mut ZividScanner, shots: usize) -> f64 {
         std::hint::black_box(source.clone());
         copied.push(begun.elapsed().as_secs_f64() * 1e3);
         let shot = scanner.take_scan().expect("a shot");
-        kills::right(&shot);
+        kills::check_shot(&shot);
         crossed.push(shot.crossed_ms);
     }
     let [crossing, copying] = [&mut crossed, &mut copied].map(|times| {

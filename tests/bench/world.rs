@@ -100,7 +100,7 @@ fn main() -> ExitCode {
         "from the middle on: memory {} to {memory_kb} kB, descriptors {} to {descriptors}",
         before.0, before.1
     );
-    let (pictures, bytes) = world::kept();
+    let (pictures, bytes) = world::stored_pictures();
     println!("pictures that are kept for all worlds: {pictures}, {} MB", bytes / 1_000_000);
     let grows = count >= 1_000 && (memory_kb > before.0 + before.0 / 4 || descriptors > before.1);
     let (cpu_s, cycles) = (cpu_s(), counts.cycles);

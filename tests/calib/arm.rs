@@ -1,11 +1,11 @@
-//! A cell whose arm differs from its nominal geometry: from the arm's calibration to a cycle with the correction.
+//! Tests a cell whose arm differs from its nominal geometry, from its calibration to a cycle with this arm.
 
 use serde_json::Value;
 use std::process::Command;
 
-/// A cell whose arm differs from its nominal geometry is calibrated, and a whole cycle is as accurate as with an arm
-/// without errors. Its recording can be replayed. Without the correction the mount of the 3D camera is refused: with
-/// such an arm the squares of the board appear to have another size.
+/// A cell whose arm differs from its nominal geometry is calibrated. A cycle is then as accurate as with an arm without
+/// errors, and its recording replays. Without the correction the mount of the 3D camera is refused, because with such
+/// an arm the board's squares seem to have another size.
 #[test]
 fn a_cycle_by_an_arm_that_is_not_as_it_is_drawn() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -42,14 +42,14 @@ fn a_cycle_by_an_arm_that_is_not_as_it_is_drawn() {
     let (code, text) = run("replay arm.mcap");
     assert!(code == Some(0) && text.contains("the same as recorded"), "{text}");
 
-    // The verification shows the remaining error over the working volume, with its map.
+    // The verification shows the remaining error in the working volume, with its map.
     let verify = "calibrate verify --cell arm/cell/cell.toml --camera flange-camera --target arm/cell/boards/flange/target.toml \
                   --poses arm/cell/boards/flange/poses.toml --pictures maps";
     let (code, text) = run(verify);
     assert!(code == Some(0) && text.contains("mm rms"), "{text}");
     assert!(folder.path().join("maps/map_flange_camera.svg").exists(), "{text}");
 
-    // Another tool is selected on the pendant: its tip gives no information about the cell's tool.
+    // Another tool is selected on the pendant: its tip gives no information about the tip of the cell's tool.
     let touch = "calibrate touch --cell arm/cell/cell.toml --target arm/cell/target/scanner.toml \
                  --points arm/cell/target/touched.toml";
     let (code, text) = run(touch);
@@ -66,7 +66,7 @@ fn a_cycle_by_an_arm_that_is_not_as_it_is_drawn() {
         "{text}"
     );
 
-    // A pose without axis angles cannot be corrected. Mounts that were calibrated with the correction cannot be used
+    // A pose without axis angles cannot be corrected. Mounts that were measured with the correction cannot be used
     // without it.
     let pose = "arm/cell/target/flange.json";
     let whole: Value =

@@ -1,4 +1,4 @@
-//! The commands from files to files: lens, mounts, tool, verification.
+//! Tests the calibration commands from files to files: lens, mounts, tool, verification.
 
 use super::files::{BOARD, panelprep, pose_text, poses_of, save, small_cell, write};
 use crate::boards::{self, GOOD_ROBOT};
@@ -25,8 +25,8 @@ fn folder_of_poses(cell: &BoardCell, count: usize) -> (tempfile::TempDir, Vec<St
     (folder, poses)
 }
 
-/// Calibrates from pictures to files: lens, mount, verification. Then each wrong input is named, and no file is
-/// written.
+/// Calibrates lens and mount and verifies them, from pictures to files. Then each wrong input is reported, and no file
+/// is written.
 #[test]
 fn commands_calibrate_verify_and_refuse() {
     let cell = boards::cell(3, GOOD_ROBOT);
@@ -82,7 +82,7 @@ fn commands_calibrate_verify_and_refuse() {
     assert!(!folder.join("wrong_out.toml").exists(), "nothing is written");
 }
 
-/// Learns the board's pose from a picture, finds the board again, and refuses a bumped camera.
+/// Teaches the board's pose from a picture, verifies the camera with the board, and refuses a displaced camera.
 fn verify(folder: &Path) {
     let cell =
         "store = \"store\"\n[calibration]\nscanner = \"lens.toml\"\nbase_from_camera = \"base_from_camera.toml\"\n";
@@ -95,7 +95,7 @@ fn verify(folder: &Path) {
     assert_eq!(exit, 0, "{found}");
     let (exit, found, _) = look("--image board/00.png");
     assert!(exit == 0 && found["error_mm"].as_f64().is_some_and(|error| error < 1e-6), "{found}");
-    // The camera was bumped by 3 mm.
+    // The camera was displaced by 3 mm.
     let mount = std::fs::read_to_string(folder.join("base_from_camera.toml")).expect("there");
     let x_mm = mount.lines().find_map(|line| line.strip_prefix("x_mm = ")).expect("a place");
     let bumped = format!("x_mm = {:?}", x_mm.parse::<f64>().expect("a number") + 3.0);
@@ -109,8 +109,8 @@ fn verify(folder: &Path) {
     assert_eq!(trend.matches("<circle").count(), 2);
 }
 
-/// Calibrates with three points on the command line and the 3D camera's own shot as the picture: first only the
-/// picture is made, then the mount.
+/// Calibrates with three points on the command line and with the 3D camera's own shot as the picture: first only the
+/// picture is captured, then the mount is calibrated.
 #[test]
 fn three_points_from_files() {
     let cell = boards::cell(4, GOOD_ROBOT);
@@ -147,7 +147,7 @@ fn three_points_from_files() {
     );
 }
 
-/// If the 3D camera measured the board, its own points give a second mount. Wrong intrinsics are noticed by the
+/// If the 3D camera measured the board, its own points give a second mount. Wrong intrinsics are detected by the
 /// distance between the two mounts.
 #[test]
 fn the_3d_camera_s_own_points_give_a_second_mount() {
@@ -178,7 +178,7 @@ fn the_3d_camera_s_own_points_give_a_second_mount() {
     };
     write(folder, "other.toml", Intrinsics::from_camera(other).to_toml());
     let (exit, found, _) = panelprep(folder, &format!("{command} --intrinsics other.toml"));
-    // The robot's motions are sufficient to detect the mistake.
+    // The motions of the robot are sufficient to detect the error.
     let reasons = found["reasons"].to_string();
     assert!(
         exit == 1 && (reasons.contains("second_result") || reasons.contains("focal_length_differs")),
@@ -186,8 +186,8 @@ fn the_3d_camera_s_own_points_give_a_second_mount() {
     );
 }
 
-/// Calibrates the tool's point and axis from a poses file. Calculated by hand: the tip is 150 mm from the flange along
-/// its Z axis.
+/// Calibrates the tool's point and axis from a poses file. Expected value, calculated by hand: the tip is 150 mm from
+/// the flange along its Z axis.
 #[test]
 fn a_tool_from_files() {
     let folder = tempfile::tempdir().expect("a folder");

@@ -1,4 +1,4 @@
-//! Runs the program on files in a folder, and writes files for it there.
+//! Runs the program in a folder, and writes its input files there.
 
 use crate::boards::GOOD_ROBOT;
 use panelprep::files::write_gray_png;
@@ -39,14 +39,14 @@ pub fn save(folder: &Path, name: &str, picture: &GrayPicture) {
     write(folder, name, write_gray_png(picture).expect("a picture"));
 }
 
-/// Returns a cell at a quarter of the size, in whose pictures the board is still found; tests that use it do not test
-/// accuracy.
+/// Returns a cell with pictures of a quarter of the size, in which the board is still detected; tests that use this
+/// cell do not test accuracy.
 pub fn small_cell() -> BoardCell {
     BoardCell::new(5, BoardPrint::chessboard(5, 4, 40.0), GOOD_ROBOT).with_reduction(4)
 }
 
 /// Saves shots of the fixed camera and returns the text of their poses file.
-pub fn poses_of(cell: &BoardCell, count: usize, save: impl Fn(&str, &BoardShot<Camera>) -> String) -> String {
+pub fn save_shots(cell: &BoardCell, count: usize, save: impl Fn(&str, &BoardShot<Camera>) -> String) -> String {
     let entry = |shot: &BoardShot<Camera>| {
         let name = save(&format!("{:02}", shot.index), shot);
         let pose = pose_text(&KukaPose::from_rigid(&shot.base_from_flange));

@@ -1,5 +1,5 @@
-//! Files from which no calibration can be computed: a message states within a short time what is needed, and nothing is
-//! written.
+//! Tests files from which no calibration can be computed: a message states within a short time what is needed, and no
+//! file is written.
 
 use super::files::{panelprep, pose_text, poses_of, save, small_cell, write};
 use crate::boards::GOOD_ROBOT;
@@ -9,7 +9,7 @@ use panelprep::sim::{BoardCell, BoardPrint};
 use std::fmt::Write;
 use std::process::Command;
 
-/// Each bad input is refused with what was found and what is needed, and no file is written.
+/// Each invalid input is refused; the message states what was found and what is needed, and no file is written.
 #[test]
 fn bad_input_is_reported_and_writes_nothing() {
     let cell = small_cell();
@@ -63,7 +63,7 @@ fn bad_input_is_reported_and_writes_nothing() {
         assert!(exit == 2 && reported.contains(words), "{command}: {exit} {found} {reported}");
         assert!(!folder.join("out.toml").exists(), "{command}: nothing is written");
     }
-    // Correct pictures that do not determine a lens: a verdict, and the next picture to take.
+    // Valid pictures that do not determine a lens give a verdict, and the next picture to capture.
     for (command, words) in [
         (format!("{lens} empty.png empty.png empty.png empty.png"), "empty.png shows no board with 5×4"),
         (format!("{lens} {all}").replace("5x4", "9x6"), "found a 5x4 board, expected 9x6"),
@@ -81,8 +81,8 @@ fn bad_input_is_reported_and_writes_nothing() {
     }
 }
 
-/// The file of a lens that was calibrated only in the middle of the picture contains the outline of that part, and
-/// `check` reports it. A verification with a board outside of that part is refused and not stored.
+/// The file of a lens that was calibrated only in the middle of the picture contains the outline of this part, and
+/// `check` reports it. A verification with a board outside of this part is refused and not stored.
 #[test]
 fn nothing_is_measured_outside_of_the_calibrated_part_of_a_lens() {
     let cell = small_cell();
@@ -122,9 +122,9 @@ fn nothing_is_measured_outside_of_the_calibrated_part_of_a_lens() {
     assert!(reported.contains("lens calibrated to 0.30 px in 11 % of the picture"), "{reported}");
 }
 
-/// Full-size pictures without the requested board: another board, fine texture, a plain ground. No picture takes more
-/// than two seconds of processor time in this build (one in an optimised build), and each search reports that it is
-/// running.
+/// Full-size pictures without the requested board: another board, fine texture, a plain background. The search in each
+/// picture takes at most two seconds of processor time in this build (one second in an optimised build), and reports
+/// that it is running.
 #[test]
 fn a_search_for_an_absent_board_ends_in_time() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -165,14 +165,14 @@ fn a_search_for_an_absent_board_ends_in_time() {
             .expect("a shell");
         let reported = String::from_utf8(output.stdout).expect("UTF-8");
         assert!(reported.contains(words) && reported.contains("searching for "), "{reported}");
-        // The shell's last line is the program's processor time: "0m0.52s 0m0.08s".
+        // The shell's last line is the processor time of the program: "0m0.52s 0m0.08s".
         let taken = reported.lines().last().expect("times").split_whitespace().map(|time| {
             let (minutes, seconds) = time.trim_end_matches('s').split_once('m').expect("minutes");
             60.0 * minutes.parse::<f64>().expect("minutes") + seconds.parse::<f64>().expect("seconds")
         });
         let taken_s: f64 = taken.sum();
         // An earlier search took minutes, because it followed wrong candidates; `cargo bench --bench boards` measures
-        // the search's speed.
+        // the duration of the search.
         assert!(taken_s < 20.0, "{name}: {taken_s} s");
     }
 }

@@ -1,9 +1,9 @@
-//! Clips: sets with labels, advice from a clip, and clips that cannot be judged.
+//! Tests with clips: labelled sets, advice from a clip, and clips that cannot be evaluated.
 
 use super::{LOCATE, TEACH, VERIFY, json, keep, panelprep};
 use serde_json::Value;
 
-/// Three clips of 8 s, the last one clean, are scored as a set; one of them gives advice about light and
+/// Three clips of 8 s, the last one without a break, are scored as a set; one of them gives advice about light and
 /// thresholds.
 #[test]
 fn a_labelled_set_is_scored_and_a_clip_gives_advice() {
@@ -23,7 +23,7 @@ fn a_labelled_set_is_scored_and_a_clip_gives_advice() {
                 --truth cell/set/0001/truth";
     let (exit, advice) = json(folder, tune);
     assert_eq!((exit, advice["verdict"].as_str()), (0, Some("accept")), "{advice}");
-    // The advice concerns the method in use; it states nothing about the other method's thresholds.
+    // The advice concerns the configured method; it states nothing about the thresholds of the other method.
     assert!(
         advice["threshold"].is_null() && advice["hsv_min"].is_null() && advice["best_threshold"].is_null(),
         "{advice}"
@@ -32,7 +32,7 @@ fn a_labelled_set_is_scored_and_a_clip_gives_advice() {
     assert!(number("detection_limit_mm2") < number("min_break_mm2") && number("min_break_mm2") < 100.0, "{advice}");
     assert!(number("flash_s") < number("persist_s") && number("persist_s") >= 1.2, "{advice}");
     let grids = advice["grids"].as_array().expect("grids");
-    // The film makes a difference of about 28 grey levels.
+    // The film changes the brightness by about 28 grey levels.
     let contrast =
         |grid: &Value| grid["dry"].as_f64().unwrap_or(f64::NAN) - grid["wet"].as_f64().unwrap_or(f64::NAN);
     assert!(grids.len() == 24 && grids.iter().all(|grid| (15.0..45.0).contains(&contrast(grid))), "{advice}");
@@ -50,14 +50,15 @@ fn a_labelled_set_is_scored_and_a_clip_gives_advice() {
     let thesis = recipe.replace("method = \"film\"", "method = \"thesis\"");
     std::fs::write(folder.join("cell/thesis.toml"), thesis).expect("written");
     let (exit, advice) = json(folder, &tune.replace("recipe.toml", "thesis.toml"));
-    // Half of 28 grey levels, times four, is 56.
+    // Expected value, by hand: half of 28 grey levels, times four, is 56.
     assert!(exit == 0 && advice["threshold"].as_u64().is_some_and(|it| (48..66).contains(&it)), "{advice}");
     assert!(advice["best_threshold"]["iou"].as_f64().is_some() && advice["persist_s"].is_null(), "{advice}");
 }
 
 /// With a quarter of the pixels in each direction, the smallest visible break is 16 times larger. The rendered recipe
-/// states this. A recipe that requires the cell's 5 mm² needs a person's decision when it is taught, and gives no
-/// valid test on a clip or in the cycle. Without `--located`, a panel that is not at its nominal place is not judged.
+/// states this. A recipe that requires the 5 mm² of the full-size cell needs a person's decision when it is taught, and
+/// gives no valid test on a clip or in the cycle. Without `--located`, a panel that is not at its nominal place is not
+/// evaluated.
 #[test]
 fn breaks_too_small_to_see_and_a_displaced_panel_give_no_valid_test() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -83,7 +84,7 @@ fn breaks_too_small_to_see_and_a_displaced_panel_give_no_valid_test() {
     let (_, output) = json(folder, &format!("{inspect} --located located.json"));
     assert_ne!(output["verdict"].as_str(), Some("invalid"), "{output}");
     assert!(output["outline_off_px"].as_f64().is_some_and(|off_px| off_px < 0.7), "{output}");
-    // A grid that a person states as abraded since the dry picture is compared only with its wet appearance.
+    // A grid that was sanded after the dry picture, as a person stated, is compared only with its wet appearance.
     let (exit, output) = json(folder, &format!("{inspect} --located located.json --abraded r2c3"));
     let references: Vec<&str> =
         output["grids"].as_array().expect("grids").iter().filter_map(|grid| grid["reference"].as_str()).collect();

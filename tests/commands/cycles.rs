@@ -1,10 +1,11 @@
-//! Whole cycles, each with one command: on a rendered cell, and of the demonstration.
+//! Tests whole cycles, each with one command: on a rendered cell, and of the demonstration.
 
 use super::{json, rendered, taught_and_verified};
 use panelprep::store::Store;
 use serde_json::{Value, json as value};
 
-/// Runs the live cycle on the simulated cell, over sockets and in virtual time: break, abrade, test again, pass.
+/// Runs the live cycle on the simulated cell, over sockets and in virtual time: the film breaks, the grids are sanded,
+/// the next film passes.
 #[test]
 fn a_whole_cycle_passes_after_an_abrasion() {
     let folder = rendered("good");
@@ -24,7 +25,7 @@ fn a_whole_cycle_passes_after_an_abrasion() {
     assert_eq!(ended["abraded"].as_array().map(Vec::len), Some(0), "no contact with a clean panel: {ended}");
     let (exit, ended) = json(folder.path(), &format!("{cycle} --scene no-panel"));
     assert_eq!((exit, ended["verdict"].as_str()), (1, Some("reject")), "{ended}");
-    // An air-run of the whole region: no film, and nothing is abraded.
+    // An air-run of the whole region: no film is captured, and no grid is sanded.
     let air = cycle.replace("cycle --cell", "air-run --cell");
     let (exit, ended) = json(folder.path(), &air);
     assert_eq!((exit, ended["verdict"].as_str()), (0, Some("pass")), "{ended}");
@@ -34,16 +35,16 @@ fn a_whole_cycle_passes_after_an_abrasion() {
     assert!(page.contains("air-run: done, with at most") && !page.contains("The abrasion</h"), "{page}");
 }
 
-/// Runs the demonstration as `make demo` does, at full size, and another seed at half the size; `make bench-seeds`
-/// runs ten more.
+/// Runs the demonstration as `make demo` does at full size, and another seed at half the size; `make bench-seeds` runs
+/// ten more seeds.
 #[test]
-fn the_demo_of_the_readme_reaches_every_floor() {
+fn the_demo_of_the_readme_reaches_every_minimum() {
     for command in ["demo --out demo", "demo --seed 2 --reduction 2 --out demo"] {
-        reaches_every_floor(command);
+        reaches_every_minimum(command);
     }
 }
 
-fn reaches_every_floor(command: &str) {
+fn reaches_every_minimum(command: &str) {
     let folder = tempfile::tempdir().expect("a folder");
     let (exit, result) = json(folder.path(), command);
     assert_eq!((exit, result["verdict"].as_str()), (0, Some("pass")), "{result}");
@@ -62,7 +63,7 @@ fn reaches_every_floor(command: &str) {
     let step = (number("/abrade/0/step_over_mm/min"), number("/abrade/0/step_over_mm/max"));
     assert!(5.0 < step.0 && step.0 <= step.1 && step.1 < 12.5, "{result}");
     assert!(number("/budget_mm/locate") > 0.0 && number("/budget_mm/fit") > 0.0, "{result}");
-    // The boards were seen and touched before, so no part of the error budget is missing.
+    // The boards were captured and touched before, so no component of the error budget is missing.
     let parts = ["hand_eye", "locate", "fit", "robot"].map(|part| number(&format!("/budget_mm/{part}")));
     let total_mm = parts.iter().map(|mm| mm * mm).sum::<f64>().sqrt();
     assert!(total_mm < 0.6 && (number("/budget_mm/total") - total_mm).abs() < 1e-9, "{result}");
@@ -72,7 +73,7 @@ fn reaches_every_floor(command: &str) {
     assert_eq!(page.matches("<img").count(), pictures);
 }
 
-/// Nothing moves toward a panel that is absent or is another one.
+/// The arm does not move to a panel that is missing or is another panel.
 #[test]
 fn the_demo_rejects_a_wrong_panel_without_a_move_toward_it() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -86,7 +87,7 @@ fn the_demo_rejects_a_wrong_panel_without_a_move_toward_it() {
     );
 }
 
-/// A recording that cannot be opened stops the command before a cycle is begun, so that no cycle is left to be
+/// A recording that cannot be opened stops the command before a cycle begins, so that no incomplete cycle has to be
 /// concluded and signed later.
 #[test]
 fn no_cycle_begins_if_its_recording_cannot_be_opened() {

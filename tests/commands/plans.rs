@@ -1,12 +1,12 @@
-//! Plans of every pattern, and one that is rejected.
+//! Tests plans with every pattern, and a rejected plan.
 
 use super::{TEACH, json, keep, panelprep, rendered};
 use panelprep::files;
 use panelprep::geometry::OrganizedCloud;
 use serde_json::{Value, json as value};
 
-/// Every pattern on the rendered cell is accepted, for a single grid, adjacent grids and all grids, with a distance
-/// between its lines within the recipe's step-over.
+/// Every pattern on the rendered cell is accepted, for a single grid, adjacent grids and all grids, and the distances
+/// between its lines are within the recipe's step-over.
 #[test]
 fn every_pattern_is_planned_on_the_rendered_cell() {
     let folder = rendered("good");
@@ -65,9 +65,8 @@ fn a_rejected_plan_becomes_no_program() {
     }
 }
 
-/// A hole in the middle of the region, through which the background is seen. `teach` reports the hole with its size and
-/// grid, and does not report a fault of the camera. `check` with the cell's file reports the same when the panel has
-/// been taught.
+/// The region has a hole in the middle, through which the background is visible. `teach` reports the hole with its size
+/// and grid, and does not report a fault of the camera; `check` with the cell's file reports the same after teaching.
 #[test]
 fn a_hole_under_the_region_is_named_by_teach_and_check() {
     let folder = rendered("good");
@@ -90,7 +89,7 @@ fn a_hole_under_the_region_is_named_by_teach_and_check() {
     let is_hole =
         |index: usize| (index % width).abs_diff(middle[0]) <= half && (index / width).abs_diff(middle[1]) <= half;
     let points = cloud.raw_points_mm().iter().enumerate();
-    // The background is seen through the hole: along the same ray, at 1.2 times the distance.
+    // The background is visible through the hole: on the same ray, at 1.2 times the distance.
     let points = points.map(|(index, &at)| if is_hole(index) { at.map(|mm| 1.2 * mm) } else { at }).collect();
     let holed = OrganizedCloud::new(width, height, points, cloud.picture().rgb).expect("organised");
     std::fs::write(&file, files::write_pcd(&holed)).expect("written");

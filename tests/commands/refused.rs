@@ -1,11 +1,11 @@
-//! Inputs that the commands refuse, all in words: wrong files, wrong panels, scans that cannot be taught.
+//! Tests inputs that the commands refuse with a message: wrong files, wrong panels, scans that cannot be taught.
 
 use super::{LOCATE, REFINE, TEACH, VERIFY, fixture, json, keep, rendered};
 use serde_json::Value;
 use std::path::Path;
 
-/// Each bad input is refused, with words that its message must contain. Everything that was made before the fault is
-/// preserved.
+/// Each invalid input is refused, with words that its message must contain. Everything that was created before the
+/// fault is kept.
 #[test]
 fn bad_input_is_refused_with_file_and_reason() {
     let folder = rendered("clean");
@@ -81,8 +81,8 @@ fn refuses(folder: &Path, arguments: &str, words: &[&str]) {
     }
 }
 
-/// `look` shows a scan. `teach` shows what cannot be taught, with all problems at once. A cell that runs cycles
-/// needs a corner.
+/// `look` shows a scan. `teach` reports all reasons why it cannot be taught at once. A cell that runs cycles requires a
+/// taught corner.
 #[test]
 fn a_scan_and_the_reasons_against_teaching_it_are_shown() {
     let folder = rendered("clean");
@@ -110,7 +110,7 @@ fn a_scan_and_the_reasons_against_teaching_it_are_shown() {
         assert!(exit == 2 && message.contains(words), "{words}: {output}");
     }
     assert!(folder.join("wrong/taught_region.png").is_file());
-    // Pictures without a corner: both are named.
+    // Two pictures without a corner: both are reported.
     let corners = "--corner cell/target/flange_camera.png --flange cell/target/flange.json \
                    --corner cell/target/flange_camera.png --flange cell/target/flange.json";
     let teach =
@@ -138,7 +138,7 @@ fn a_missing_or_wrong_panel_is_rejected_with_a_reason() {
             "{located}"
         );
         assert!(!reasons.is_empty());
-        // A rejected result cannot be used further.
+        // A rejected result cannot be used by the next command.
         keep(folder.path(), "located.json", &located);
         let (exit, refined) = json(folder.path(), REFINE);
         assert_eq!((exit, &refined["verdict"]), (2, &Value::Null), "{scene}: {refined}");

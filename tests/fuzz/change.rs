@@ -1,9 +1,9 @@
-//! Seeded changes of bytes, such as damage and foreign programs cause.
+//! Random changes of bytes from a seed, as they are caused by damage and by other programs.
 
 use rand::RngExt;
 use rand_pcg::Pcg64;
 
-/// Numbers at the ends of their ranges, and characters that parsers look for.
+/// Numbers at the ends of their ranges, and characters with a meaning for parsers.
 const PIECES: [&[u8]; 24] = [
     b"0",
     b"-1",
@@ -30,11 +30,11 @@ const PIECES: [&[u8]; 24] = [
     b"\xC3",
     b"\xE2\x80\xA8",
 ];
-/// The largest size that a change produces.
+/// Maximum size of a changed input, bytes.
 const MAX_BYTES: usize = 64 << 10;
 
-/// Returns the bytes with some changes; `other` may be crossed with them.
-pub fn changed(bytes: &[u8], other: &[u8], draw: &mut Pcg64) -> Vec<u8> {
+/// Returns the bytes with some changes; parts of `other` may be inserted.
+pub fn change_bytes(bytes: &[u8], other: &[u8], draw: &mut Pcg64) -> Vec<u8> {
     let mut bytes = bytes.to_vec();
     for _ in 0..draw.random_range(1..5) {
         if bytes.is_empty() {

@@ -1,6 +1,6 @@
-//! Searches for bytes that make a reader fail, guided by coverage: libFuzzer on stable Rust (`make fuzz`, `make
-//! fuzz-krl`). The target's name is in the environment: `FUZZ_TARGET`. If `FUZZ_SEEDS` names a folder, the target's
-//! seeds are written there.
+//! Searches for bytes with which a reader fails, guided by coverage: libFuzzer on stable Rust (`make fuzz`, `make
+//! fuzz-krl`). The environment variable `FUZZ_TARGET` names the target. If `FUZZ_SEEDS` names a folder, the seeds of
+//! the target are written there.
 #![no_main]
 
 mod seeds;

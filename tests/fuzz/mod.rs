@@ -1,5 +1,5 @@
-//! The readers of bytes from outside, tested with unexpected bytes: the corpus in `fixtures/fuzz/`, the seeds, and
-//! seeded changes of both. `make fuzz` searches further, guided by coverage (`main.rs`).
+//! Tests the readers of bytes from outside with unexpected bytes: the corpus in `fixtures/fuzz/`, the seeds, and random
+//! changes of both. `make fuzz` searches further, guided by coverage (`main.rs`).
 
 mod change;
 mod judged;

@@ -1,4 +1,4 @@
-//! Small inputs that each reader accepts: files of the repository, and the program's own output.
+//! Small inputs that each reader accepts: files of the repository, and output of the program.
 
 use super::targets::CAMERA;
 use panelprep::devices::zivid::wire;
@@ -23,7 +23,7 @@ fn texts(texts: &[&str]) -> Vec<Vec<u8>> {
     texts.iter().map(|text| text.as_bytes().to_vec()).collect()
 }
 
-/// Returns one message of each kind, and a stream of both kinds.
+/// Returns one message of each kind, and a stream with both kinds.
 pub fn messages() -> Vec<Vec<u8>> {
     let state = "<St T=\"1200\" Seq=\"7\" Re=\"3\" Ep=\"2\" Boot=\"77\" Sum=\"-12345\" Mode=\"4\" Flags=\"119\" In=\"5\" Out=\"2\" \
         Done=\"17\" Under=\"0\" Ov=\"100\"><J A1=\"4.9\" A2=\"-90.0\" A3=\"90.0\" A4=\"0.0\" A5=\"45.5\" A6=\"-185.25\"></J><Tcp X=\"100.25\" \
@@ -33,15 +33,15 @@ pub fn messages() -> Vec<Vec<u8>> {
     texts(&[state, ack, &format!("\u{7}{ack}\r\n{state}{ack}"), "<!-- a --><a b='&lt;'/>"])
 }
 
-/// Returns the files of both channels.
+/// Returns the EthernetKRL files of both channels.
 pub fn channels() -> Vec<Vec<u8>> {
     ["config/kuka/CELLCMD.xml", "config/kuka/CELLSTAT.xml"].map(shipped).to_vec()
 }
 
-/// Returns sessions from the first connection to a path, its end, and a stop, at each pace.
+/// Returns sessions from the first connection to a path, its end, and a stop, at each speed of the controller.
 pub fn sessions() -> Vec<Vec<u8>> {
     // Connect and receive a state. Open an epoch and receive its confirmation; send base, tool, speed and a path;
-    // receive states and acknowledgements. Let time pass; stop and receive the state after it.
+    // receive states and acknowledgements. Let time pass; stop and receive the state after the stop.
     let state = [3, 200, 0, 0, 0, 0, 0, 0, 0, 0];
     let ack = [6, 0, 0, 0, 0];
     let mut run = vec![0];
@@ -68,7 +68,7 @@ pub fn sessions() -> Vec<Vec<u8>> {
     vec![run, lock_step]
 }
 
-/// Returns every kind of line of the socket.
+/// Returns every kind of line on the socket.
 pub fn requests() -> Vec<Vec<u8>> {
     let start = json!({"ask": "start", "recipe": "a.toml", "text": "panel = \"a\"", "record": {"file": "/tmp/a.mcap"},
         "part": {"serial": "SN-7"}, "operator": "Anna"});
@@ -93,12 +93,12 @@ pub fn cells() -> Vec<Vec<u8>> {
     ["config/cell.toml", "config/cell-example.toml"].map(shipped).to_vec()
 }
 
-/// Returns a lens as its calibration writes it.
+/// Returns a lens file as its calibration writes it.
 pub fn lenses() -> Vec<Vec<u8>> {
     vec![panelprep::cell::Intrinsics::from_camera(CAMERA).to_toml().into_bytes()]
 }
 
-/// Returns a mount, and corrections of each kind.
+/// Returns a mount file, and corrections of each kind.
 pub fn mounts() -> Vec<Vec<u8>> {
     let mount = panelprep::cell::MountedPose::<panelprep::cell::ToolMount>::from_pose(Default::default()).to_toml();
     let smooth = "kind = \"smooth\"\nnumbers = [0.0, 0.0, 0.0]\nmiddle_mm = [1.0, 2.0, 3.0]\nhalf_mm = [4.0, 5.0, 6.0]\n\
@@ -106,12 +106,12 @@ pub fn mounts() -> Vec<Vec<u8>> {
     texts(&[&mount, smooth, &smooth.replace("smooth", "geometry")])
 }
 
-/// Returns clouds as the Point Cloud Library writes them, in its three encodings.
+/// Returns clouds in the three encodings of the Point Cloud Library.
 pub fn pcd() -> Vec<Vec<u8>> {
     ["ascii", "binary", "binary_compressed"].map(|kind| shipped(&format!("fixtures/pcl/shot_{kind}.pcd"))).to_vec()
 }
 
-/// Returns the same square in each form of a mesh.
+/// Returns a square in each mesh format.
 pub fn meshes() -> Vec<Vec<u8>> {
     let obj = "# unit mm\no skin\nv 0 0 0\nv 2 0 0\nv 2 1 0\nv 0 1 0\nvn 0 0 1\nf 1/1/1 2//1 3 -1\n";
     let text = "solid skin unit: mm\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 2 0 0\nvertex 2 1 0\nendloop\nendfacet\n\
@@ -122,7 +122,7 @@ pub fn meshes() -> Vec<Vec<u8>> {
     [obj, text, ply].map(|text| text.as_bytes().to_vec()).into_iter().chain(binary).collect()
 }
 
-/// Returns a cloud as Zivid's programs write it, and one as text.
+/// Returns a cloud as Zivid's programs write it, and a cloud as text.
 pub fn ply() -> Vec<Vec<u8>> {
     let text = "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\n\
         property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n1 2 700 9 9 9\nnan nan nan 0 0 0\n";
@@ -131,7 +131,7 @@ pub fn ply() -> Vec<Vec<u8>> {
     binary.into_iter().chain([text.as_bytes().to_vec()]).collect()
 }
 
-/// Returns the list of a clip.
+/// Returns the list of pictures of a clip.
 pub fn clips() -> Vec<Vec<u8>> {
     texts(&["file,time_s,phase\n000.png,0.0,dry\n001.png,0.2,spray\n002.png,0.4,film\n"])
 }
@@ -169,7 +169,7 @@ pub fn poses() -> Vec<Vec<u8>> {
     [pose, located, flange].iter().map(|value| value.to_string().into_bytes()).collect()
 }
 
-/// Returns recordings without checksums and chunks, because a checksum would reveal every change.
+/// Returns recordings without checksums and chunks, because with a checksum every change would be refused.
 pub fn recordings() -> Vec<Vec<u8>> {
     let whole = shipped("fixtures/rejected.mcap");
     let checked = tape::check_recording(&whole[..]).expect("a recording of ours");
@@ -227,8 +227,8 @@ pub fn zivid_settings() -> Vec<Vec<u8>> {
     ["config/zivid/scan.yml", "config/zivid/film.yml"].map(shipped).to_vec()
 }
 
-/// Returns the controller's programs, one program of each statement, programs that integrators write
-/// (`fixtures/krl`), and programs too deep or too large for a reader without limits.
+/// Returns the controller's programs, one program for each kind of statement, programs of integrators (`fixtures/krl`),
+/// and programs that are too deep or too large for a reader without limits.
 pub fn programs() -> Vec<Vec<u8>> {
     let small = "DEF a()\nDECL INT i[3]\nDECL FRAME f\nFOR i[1]=1 TO 3 STEP 1\nIF i[1]==2 THEN\nLIN f C_DIS\nENDIF\nENDFOR\n\
         f={X 1.0,Y 2.0,Z 3.0,A 0.0,B 0.0,C 0.0}\nWAIT FOR $IN[1]\nEND\nDEFFCT REAL g(x:IN)\nREAL x\nRETURN x*2.0+SIN(x)\nENDFCT\n";
@@ -245,8 +245,8 @@ fn integrators() -> Vec<Vec<u8>> {
     files.iter().filter(|file| file.is_file()).map(|file| std::fs::read(file).expect("a file")).collect()
 }
 
-/// Returns programs that are nested a thousand times deeper than a person writes, and short enough that a change leaves
-/// most of each program intact.
+/// Returns programs that are nested a thousand times deeper than usual, and short enough that a change leaves most of
+/// each program intact.
 pub fn hostile_programs() -> Vec<Vec<u8>> {
     let body = |lines: &str| format!("DEF a()\nINT i\nBOOL b\ni=0\n{lines}END\n");
     let nested = |open: &str, inside: &str, close: &str, depth: usize| {
@@ -277,7 +277,7 @@ pub fn hostile_programs() -> Vec<Vec<u8>> {
     ])
 }
 
-/// Returns an archive with a cell's file and without a seal: the target adds a seal to any bytes.
+/// Returns an archive with a cell's file and without a seal; the target adds a valid seal to any bytes.
 pub fn archives() -> Vec<Vec<u8>> {
     let content = b"panel = 1\n";
     let hash = hexadecimal(content);
@@ -293,13 +293,13 @@ pub fn archives() -> Vec<Vec<u8>> {
         tar.append_data(&mut header, name, bytes).expect("memory");
     }
     let tar = tar.into_inner().expect("memory");
-    // The first seed is compressed at level 1. The second is a frame of one raw block, so that the fuzzer's changes
+    // The first seed is compressed at level 1. The second is a frame with one raw block, so that the fuzzer's changes
     // reach the tar archive itself.
     let packed = zstd::encode_all(&tar[..], 1).expect("memory");
     vec![packed, raw_frame(&tar)]
 }
 
-/// Returns a zstd frame of one raw block: a window of 1 MiB, no checksum.
+/// Returns a zstd frame with one raw block: a window of 1 MiB, no checksum.
 fn raw_frame(content: &[u8]) -> Vec<u8> {
     let head = ((content.len() as u32) << 3 | 1).to_le_bytes();
     [&0xFD2F_B528_u32.to_le_bytes()[..], &[0, 0x50], &head[..3], content].concat()
@@ -315,7 +315,7 @@ pub fn sealed(bytes: &[u8]) -> Vec<u8> {
     [bytes, &0x184D_2A50_u32.to_le_bytes(), &48_u32.to_le_bytes(), b"panelprep seal 1", &hash].concat()
 }
 
-/// Returns a frame of the 3D camera's worker, and headers of other frames.
+/// Returns a frame of the 3D camera's worker process, and headers of other frames.
 pub fn frames() -> Vec<Vec<u8>> {
     let mut frame = Vec::new();
     wire::write(&mut frame, (wire::FrameKind::Reply, 7), b"\"clip_begun\"", &[&[1; 12]]).expect("memory");
@@ -331,7 +331,7 @@ pub fn labels() -> Vec<Vec<u8>> {
     vec![said.to_string().into_bytes()]
 }
 
-/// Returns messages to the office: two parts, a record and a state.
+/// Returns messages to the office server: two message parts, a record and a state.
 pub fn office_parts() -> Vec<Vec<u8>> {
     let hash = "ab".repeat(32);
     let epoch = "0123456789abcdef".repeat(2);
@@ -362,7 +362,7 @@ pub fn tools() -> Vec<Vec<u8>> {
     ])
 }
 
-/// Returns commands to an edge node of MQTT Sparkplug, and a host's messages about its own state.
+/// Returns commands to an edge node of MQTT Sparkplug, and messages of a host about its own state.
 pub fn node_commands() -> Vec<Vec<u8>> {
     let metric = |name: Option<&str>, alias, value| Metric {
         name: name.map(str::to_owned),

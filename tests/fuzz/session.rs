@@ -1,8 +1,8 @@
-//! A session that is driven by bytes: a controller that sends anything at any time, and a program that requests
-//! anything.
+//! A session that is driven by bytes: a controller that sends any message at any time, and a program that sends any
+//! request.
 //!
-//! A byte chooses the next event, and the bytes after it choose its numbers. The controller of this test follows the
-//! requests, so that a run makes progress; if a byte demands it, any number that the controller sends is wrong.
+//! One byte selects the next event, and the following bytes select its numbers. The simulated controller follows the
+//! requests, so that a run makes progress; depending on a byte, any number that the controller sends is wrong.
 
 use panelprep::eki::{
     CELLCMD, CELLSTAT, Channel, ChannelFile, ClockMode, Command, CommandId, LinkLimits, LinkLoss, MoveLin, Report,
@@ -18,7 +18,7 @@ const MAX_STEPS: usize = 2_000;
 const ABORT: i64 = 11;
 const RESET: i64 = 12;
 
-/// Returns the shipped EthernetKRL files, as the client reads them.
+/// Returns the shipped EthernetKRL files in the form that the client uses.
 pub fn wire() -> Wire {
     static FILES: OnceLock<[ChannelFile; 2]> = OnceLock::new();
     let [command, state] =
@@ -26,7 +26,7 @@ pub fn wire() -> Wire {
     Wire::new(command, state).expect("the shipped files fit")
 }
 
-/// Runs a session as these bytes state, and judges it after each step.
+/// Runs a session as these bytes state, and checks it after each step.
 pub fn run(bytes: &[u8]) {
     let (pace, bytes) = match bytes.split_first() {
         Some((1, rest)) => (ClockMode::LockStep, rest),
@@ -61,7 +61,7 @@ impl Bytes<'_> {
         self.next().unwrap_or(0)
     }
 
-    /// Returns the right number, a number near it, or one at an end of its range.
+    /// Returns the correct number, a number near it, or a number at an end of its range.
     fn near(&mut self, right: i64) -> i64 {
         match self.or_zero() {
             0..=200 => right,
@@ -74,7 +74,7 @@ impl Bytes<'_> {
     }
 }
 
-/// The requests to the controller of this test, and its own reported state.
+/// The requests to the simulated controller, and its reported state.
 #[derive(Default)]
 struct ControllerState {
     request: i64,
@@ -84,17 +84,17 @@ struct ControllerState {
     done: i64,
 }
 
-/// The requirements that the session satisfies, whatever it receives.
+/// The requirements that the session must satisfy, whatever it receives.
 #[derive(Default)]
 struct Judge {
-    /// The last epoch whose opening was requested, the highest that was reported open, and the highest that was
+    /// The last requested epoch, and below it the highest epoch that was reported as open, and the highest that has
     /// ended.
     asked: i64,
     opened: i64,
     ended: i64,
-    /// The epoch and the number of the last command that was sent.
+    /// The epoch and the number of the last sent command.
     sent: (i64, i64),
-    /// The highest number of the open epoch that was reported done.
+    /// The highest number of the open epoch that was reported as executed.
     done: i64,
 }
 
@@ -149,7 +149,7 @@ impl Run<'_> {
         }
     }
 
-    /// An epoch is opened only on request, with a number that was never used.
+    /// Checks that an epoch is opened only on request, with a number that was never used.
     fn open(&mut self) {
         let above = u32::from(self.bytes.or_zero());
         if let Ok(epoch) = self.session.open_epoch_above(panelprep::eki::Epoch(above)) {
@@ -159,7 +159,7 @@ impl Run<'_> {
         }
     }
 
-    /// Sends a stop. This is possible in every state, and nothing of the epoch is sent after it.
+    /// Sends a stop. It is possible in every state, and no command of the epoch may be sent after it.
     fn abort(&mut self) {
         let is_connected = self.session.is_connected();
         assert_eq!(self.session.abort().is_ok(), is_connected);
@@ -203,7 +203,7 @@ impl Run<'_> {
 
     /// Reads the messages to the program and to the controller.
     fn drain(&mut self) {
-        // Completed commands make room in the window, so they are received first.
+        // Executed commands free space in the window, so they are received first.
         self.receive();
         while let Some((channel, bytes)) = self.session.poll_transmit(self.now) {
             let text = String::from_utf8(bytes).expect("text");
@@ -312,7 +312,7 @@ impl Run<'_> {
     }
 }
 
-/// Returns the numeric value of an attribute that the session itself has written.
+/// Returns the numeric value of an attribute in a message of the session.
 fn number(text: &str, name: &str) -> i64 {
     let from = text.find(&format!(" {name}=\"")).expect("the attribute") + name.len() + 3;
     let until = text[from..].find('"').expect("quoted") + from;

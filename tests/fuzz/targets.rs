@@ -1,5 +1,5 @@
 //! Each reader of bytes from outside as one function of bytes. It must return without a panic. If its result can be
-//! written, the written bytes must read back the same.
+//! written, reading the written bytes must give the same result.
 
 use super::{seeds, session};
 use panelprep::cell::{
@@ -23,7 +23,7 @@ use std::time::Duration;
 
 /// A reader under test.
 pub struct Target {
-    /// The target's name, which is also that of its corpus in `fixtures/fuzz/`.
+    /// The name of the target, which is also the name of its corpus in `fixtures/fuzz/`.
     pub name: &'static str,
     /// Reads these bytes.
     pub run: fn(&[u8]),
@@ -74,7 +74,7 @@ pub const CAMERA: PinholeCamera = PinholeCamera {
     k3: 0.0,
 };
 
-/// Reads a part, and the contents that it may have: a message, a state and a list.
+/// Reads a message part, and its possible contents: a message, a state and a list.
 fn office(bytes: &[u8]) {
     if let Ok(chunk) = Chunk::read(bytes) {
         assert_eq!(Chunk::read(&chunk.bytes().expect("bytes")).as_ref(), Ok(&chunk));
@@ -90,8 +90,8 @@ fn office(bytes: &[u8]) {
     }
 }
 
-/// Reads a compliant tool's messages from its log-in on, in one piece and cut in two; both must give the same
-/// result.
+/// Reads the messages of a compliant tool, beginning with its log-in, in one piece and cut in two; both must give the
+/// same result.
 fn tool(bytes: &[u8]) {
     let limits = SessionLimits {
         login: "ferba".to_owned(),
@@ -128,7 +128,7 @@ pub fn documents(pieces: &[&[u8]]) -> (Vec<String>, Option<String>) {
     (found, None)
 }
 
-/// Checks that the result does not depend on where the stream is cut.
+/// Checks that the result does not depend on the positions at which the stream is cut.
 fn framer(bytes: &[u8]) {
     let Some((&cut, stream)) = bytes.split_first() else { return };
     let cut = usize::from(cut).min(stream.len());
@@ -247,7 +247,7 @@ fn picture(bytes: &[u8]) {
     if let Ok(picture) = files::read_color(bytes) {
         assert_eq!(picture.rgb.len(), picture.width * picture.height);
     }
-    // A picture that is read for a measurement must have the camera's size.
+    // A picture that is read for a measurement must have the size of the camera's pictures.
     if let Ok(picture) = files::read_measured_gray(bytes, &CAMERA) {
         assert_eq!((picture.width, picture.height, picture.gray.len()), (40, 30, 1_200));
     }
@@ -289,8 +289,7 @@ fn program(bytes: &[u8]) {
     assert_eq!((analysis.problems.len(), analysis.warnings.len(), analysis.unexecuted.len()), (1, 1, 1));
 }
 
-/// Reads these bytes as they are, and with the seal that belongs to them, so that the code after the seal is
-/// reached.
+/// Reads these bytes unchanged, and with a matching seal, so that the code after the check of the seal is reached.
 fn archive(bytes: &[u8]) {
     let file = tempfile::NamedTempFile::new_in("/dev/shm").expect("memory");
     for bytes in [bytes.to_vec(), seeds::sealed(bytes)] {
@@ -328,15 +327,15 @@ fn label(bytes: &[u8]) {
     }
 }
 
-/// Returns the time for this value of the node's steady clock.
+/// Returns the time for this value of the node's monotonic clock.
 fn at_ms(steady_ms: u64) -> NodeTime {
     NodeTime { unix_ms: 1_700_000_000_000, steady_ms }
 }
 
 const STATE: &str = "spBv1.0/STATE/host";
 
-/// Returns a node that is born, with its primary host online.
-fn born_node() -> EdgeNode {
+/// Returns a node after its birth message, with its primary host online.
+fn node_after_birth() -> EdgeNode {
     let (group_id, edge_node_id) = ("G".to_owned(), "cell".to_owned());
     let ids = CellIds { group_id, edge_node_id, primary_host_id: Some("host".to_owned()) };
     let mut node = EdgeNode::new(NodeSetup { ids, commands_allowed: true, aliases: true });
@@ -349,11 +348,11 @@ fn born_node() -> EdgeNode {
     node
 }
 
-/// Passes the bytes to a node that is born, as a message of an MQTT broker on each topic, three times within a second.
-/// They cause at most one request of each kind, and only a birth is published. A refused message has a line of the
-/// audit trail, as long as the limit of lines in a minute allows this.
+/// Passes the bytes to a node after its birth message, as a message of an MQTT broker on each topic, three times within
+/// a second. They cause at most one request of each kind, and only a birth message is published. A refused message gets
+/// an entry in the audit trail, as long as the limit of entries per minute allows this.
 fn node(bytes: &[u8]) {
-    let (mut node, ncmd) = (born_node(), "spBv1.0/G/NCMD/cell");
+    let (mut node, ncmd) = (node_after_birth(), "spBv1.0/G/NCMD/cell");
     let mut acts = Vec::new();
     for steady_ms in 1..4 {
         let messages = [(ncmd, false), (ncmd, true), ("strange", false)];
@@ -371,6 +370,6 @@ fn node(bytes: &[u8]) {
     }
     let is_host = HostState::read(bytes).is_some();
     let told = NodeEvent::Received { topic: STATE, payload: bytes, is_retained: false };
-    let acts = born_node().step(told, at_ms(5));
+    let acts = node_after_birth().step(told, at_ms(5));
     assert_eq!(acts.iter().any(|act| matches!(act, NodeAction::Note(_))), !is_host, "{acts:?}");
 }

@@ -13,7 +13,7 @@ pub fn harass(socket: &Path, kind: usize, ends: &AtomicBool, done: &AtomicUsize)
         stream.set_read_timeout(Some(Duration::from_millis(200))).expect("set");
         stream.set_write_timeout(Some(Duration::from_millis(200))).expect("set");
         let mut answer = [0; 4096];
-        // The result does not matter: the request is refused or answered, or the connection is closed.
+        // The result is ignored: the request is refused or answered, or the connection is closed.
         let _ = match kind % 6 {
             0 => stream.read(&mut answer),
             1 => (0..20)

@@ -25,8 +25,8 @@ fn is_of(kind: Kind, function: &str) -> bool {
     }
 }
 
-/// The programs read only elements that they receive and set only elements that they send, both by their type. No
-/// element of the files is left out.
+/// The programs read only elements that they receive and set only elements that they send, both by their type. Every
+/// element of the files is used.
 #[test]
 fn programs_and_channel_files_name_the_same_elements() {
     let files = files();
@@ -70,8 +70,7 @@ fn number(data: &BTreeMap<String, String>, name: &str) -> f64 {
     data.get(name).unwrap_or_else(|| panic!("no {name}")).parse().unwrap_or_else(|_| panic!("{name} is no number"))
 }
 
-/// Flags and timers appear where they are declared, in the XML files, in the interrupts and on the page, and
-/// everywhere with the same values.
+/// Flags and timers have the same numbers where they are declared, in the XML files, in the interrupts and on the page.
 #[test]
 fn flags_and_timers_agree_everywhere() {
     let files = files();
@@ -114,7 +113,7 @@ fn flags_and_timers_agree_everywhere() {
     ];
     let timers = timers.map(|name| number(&data, name));
     assert!(timers.windows(2).all(|pair| pair[1] == pair[0] + 1.0), "the timers follow one another");
-    // Elsewhere the programs use flags, timers and signals by their names.
+    // In all other places the programs use flags, timers and signals by their names.
     each(&files, |routine, statement| {
         for array in ["$FLAG[", "$TIMER[", "$TIMER_FLAG[", "$TIMER_STOP[", "$OUT[", "$IN["] {
             for (at, _) in statement.code.match_indices(array) {
@@ -150,7 +149,7 @@ fn mock_constant(name: &str) -> f64 {
 }
 
 #[test]
-fn the_numbers_are_those_of_client_and_mock() {
+fn constants_agree_with_client_and_mock() {
     let data = data(&files());
     let of = |name: &str| number(&data, name);
     let limits = LinkLimits::default();
@@ -225,7 +224,7 @@ fn refusals_and_operations_have_the_same_numbers() {
     assert_eq!(cases["cell_link.src"], ["ABORT", "RESET", "LINE"]);
 }
 
-/// The bits of In and Out have the example cell's numbers, ascending, as the client counts them.
+/// The bits of In and Out have the numbers of the example cell, in ascending order, as in the client.
 #[test]
 fn the_mapped_signals_are_those_of_the_example_cell() {
     let data = data(&files());
@@ -241,8 +240,8 @@ fn the_mapped_signals_are_those_of_the_example_cell() {
             assert_eq!(number(&data, &format!("{array}[{}]", index + 1)), f64::from(expected));
         }
     }
-    // Outputs that the controller switches off automatically: all except the lens shutter, with the example's
-    // numbers and times.
+    // The outputs that the controller switches off automatically: all except the lens shutter, with the numbers and
+    // times of the example cell.
     let after_ms: BTreeMap<u16, f64> = cell
         .inputs_outputs()
         .off_delays_s()
@@ -267,8 +266,8 @@ fn the_mapped_signals_are_those_of_the_example_cell() {
     }
 }
 
-/// Calculates the checksum: sum times 31 plus the byte, modulo 1000003, over the programs that are not edited,
-/// without their headers.
+/// Computes the checksum: sum times 31 plus the byte, modulo 1000003, over the programs that are not edited, without
+/// their headers.
 #[test]
 fn the_stated_checksum_is_that_of_the_programs() {
     let files = files();
@@ -282,7 +281,7 @@ fn the_stated_checksum_is_that_of_the_programs() {
     }
     let found = number(&data(&files), "CELL_PROGRAM_SUM");
     assert_eq!(found, sum as f64, "programs were changed: CELL_PROGRAM_SUM in cell_data.dat must be {sum}");
-    // Every value that may be edited is part of the checksum.
+    // Every value that may be edited is included in the checksum.
     let tell = &files.iter().find(|file| file.name == "cell_tell.src").expect("it").text;
     for name in data(&files[..1]).keys() {
         let name = name.split('[').next().unwrap_or_default();

@@ -1,4 +1,4 @@
-//! KRL as text, as far as the tests need it: files, routines, statements, words, calls.
+//! Parses KRL as text, as far as the tests need it: files, routines, statements, words, calls.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -36,8 +36,8 @@ pub struct Statement {
 }
 
 impl Statement {
-    /// Returns the statement's words, without strings. A word after `.` or `#` is a part of something else and also
-    /// left out.
+    /// Returns the words of the statement, without strings. A word after `.` or `#` is a part of another name and is
+    /// also omitted.
     pub fn words(&self) -> Vec<String> {
         let mut words = Vec::new();
         let (mut word, mut before, mut in_string) = (String::new(), ' ', false);
@@ -155,7 +155,8 @@ pub fn files() -> Vec<File> {
     paths.iter().map(|path| File::read(path)).collect()
 }
 
-/// Returns the declarations of the data lists: name to initial value, as written; arrays by element, `CELL_IN[1]`.
+/// Returns the declarations of the data lists: each name with its initial value as written; arrays by element, such as
+/// `CELL_IN[1]`.
 pub fn data(files: &[File]) -> BTreeMap<String, String> {
     let mut data = BTreeMap::new();
     for statement in files.iter().filter(|file| file.name.ends_with(".dat")).flat_map(File::statements) {

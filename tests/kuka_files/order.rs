@@ -1,9 +1,9 @@
-//! The order of statements on which a stop depends, and the places at which each kind of statement is allowed.
+//! Checks the order of statements on which a stop depends, and the places at which each kind of statement is allowed.
 
 use super::krl::{Routine, files};
 use super::{each, routines};
 
-/// A variable that has no value stops the program when EKI_Get writes to it.
+/// If a variable has no value, the program stops when EKI_Get writes to it.
 #[test]
 fn each_variable_has_a_value_before_eki_get_writes_to_it() {
     let mut looked_at = 0;
@@ -22,7 +22,7 @@ fn each_variable_has_a_value_before_eki_get_writes_to_it() {
     assert_eq!(looked_at, 12);
 }
 
-fn in_order(routine: &Routine, codes: &[&str]) {
+fn expect_in_order(routine: &Routine, codes: &[&str]) {
     let mut rest = routine.body.iter();
     for code in codes {
         let found = rest.any(|statement| statement.code.starts_with(code));
@@ -35,7 +35,7 @@ fn in_order(routine: &Routine, codes: &[&str]) {
 fn the_order_on_which_a_stop_depends_is_kept() {
     let files = files();
     let routines = routines(&files);
-    in_order(
+    expect_in_order(
         routines["CELL_STOP"],
         &[
             "WAS_OPEN=CELL_OPEN",
@@ -47,10 +47,10 @@ fn the_order_on_which_a_stop_depends_is_kept() {
             "$FLAG[CELL_F_HALT]=TRUE",
         ],
     );
-    in_order(routines["CELL_RESET"], &["CELL_OPEN=FALSE", "CELL_BEGIN", "CELL_STOPPED=FALSE", "CELL_OPEN=TRUE"]);
-    in_order(routines["CELL_BEGIN"], &["CELL_RX=0", "CELL_EP=NUMBER"]);
-    in_order(routines["CELL_TAKE"], &["CELL_RING[SLOT]=CMD", "CELL_RX=CMD.ID"]);
-    in_order(
+    expect_in_order(routines["CELL_RESET"], &["CELL_OPEN=FALSE", "CELL_BEGIN", "CELL_STOPPED=FALSE", "CELL_OPEN=TRUE"]);
+    expect_in_order(routines["CELL_BEGIN"], &["CELL_RX=0", "CELL_EP=NUMBER"]);
+    expect_in_order(routines["CELL_TAKE"], &["CELL_RING[SLOT]=CMD", "CELL_RX=CMD.ID"]);
+    expect_in_order(
         routines["CELL_STREAM"],
         &[
             "CELL_DONE=0",
@@ -70,7 +70,7 @@ fn the_order_on_which_a_stop_depends_is_kept() {
         ],
     );
     for isr in ["CELL_ISR_STOP", "CELL_ISR_HALT"] {
-        in_order(
+        expect_in_order(
             routines[isr],
             &[
                 "CELL_OFF_NOW($TIMER_FLAG[CELL_T_SUBMIT])",
@@ -86,7 +86,7 @@ fn the_order_on_which_a_stop_depends_is_kept() {
     for below in ["CELL_STREAM", "CELL_RETREAT"] {
         assert_eq!(routines[below].body.last().expect("some").code, "$ADVANCE=0", "{below}");
     }
-    in_order(
+    expect_in_order(
         routines["CELL_MOTION"],
         &[
             "CELL_DEAD_EP=CELL_EP",
@@ -101,10 +101,10 @@ fn the_order_on_which_a_stop_depends_is_kept() {
         ],
     );
     for open in ["CELL_OPEN_CMD", "CELL_OPEN_STAT"] {
-        in_order(routines[open], &["RET=EKI_Clear", "RET=EKI_Init", "RET=EKI_Open"]);
+        expect_in_order(routines[open], &["RET=EKI_Clear", "RET=EKI_Init", "RET=EKI_Open"]);
     }
     for read in ["CELL_REQUESTS", "CELL_COMMANDS"] {
-        in_order(routines[read], &["$FLAG[", "RET=EKI_CheckBuffer", "WHILE"]);
+        expect_in_order(routines[read], &["$FLAG[", "RET=EKI_CheckBuffer", "WHILE"]);
     }
 }
 
@@ -114,7 +114,7 @@ fn body(name: &str) -> Vec<String> {
     routines[name].body.iter().map(|statement| statement.code.clone()).collect()
 }
 
-/// Rules that the mock implements in the same way. The programs and the mock once differed in each of them.
+/// Rules that the mock implements in the same way. The programs and the mock once differed in each of these rules.
 #[test]
 fn the_programs_follow_the_same_rules_as_the_mock() {
     // An epoch ends when its client disconnects, whether the robot is busy or not.
@@ -123,7 +123,7 @@ fn the_programs_follow_the_same_rules_as_the_mock() {
         let body = body(routine).join("\n");
         assert!(body.contains(&codes.join("\n")), "{routine}: {codes:?} not in\n{body}");
     };
-    // When the robot program ends, its epoch ends first; only then is the program forgotten.
+    // When the robot program ends, its epoch is ended first; only then the program is marked as ended.
     has(
         "CELL_PROGRAM",
         &["IF CELL_NO_PROGRAM( ) THEN", "IF CELL_OPEN AND (CELL_READY OR CELL_BUSY( )) THEN", "CELL_STOP(FALSE)"],
@@ -131,7 +131,8 @@ fn the_programs_follow_the_same_rules_as_the_mock() {
     // While the tool runs or water is on, the watchdog is active as it is during a motion.
     has("CELL_WATCH", &["IF (CELL_BUSY( ) OR CELL_AT_STAKE( )) AND ($TIMER[CELL_T_HEARD]>=CELL_WATCHDOG_MS) THEN"]);
     has("CELL_AT_STAKE", &["IF (CELL_OFF_MS[I]==0) AND $OUT[CELL_OFF[I]] THEN", "RETURN TRUE"]);
-    // Outputs go off after an epoch's end, each by its own time, and stay off for a second; never in an open epoch.
+    // After the end of an epoch, each output is switched off after its own time, and stays off for a second; never in
+    // an open epoch.
     has("CELL_OFF_NOW", &["IF ALL OR (CELL_OFF_MS[I]==0) THEN", "$OUT[CELL_OFF[I]]=FALSE"]);
     assert_eq!(body("CELL_OUTPUTS")[2..5], ["IF CELL_OPEN THEN", "RETURN", "ENDIF"]);
     has(
@@ -152,15 +153,15 @@ fn the_programs_follow_the_same_rules_as_the_mock() {
     );
     has("CELL_ABORT", &["CELL_STOP(FALSE)", "IF CELL_FOLLOWS(NUMBER) THEN", "CELL_BEGIN(NUMBER)"]);
     has("CELL_RESET", &["DECL INT NUMBER", "IF CELL_FOLLOWS(NUMBER) THEN"]);
-    // A stop resets a program that is paused, or that must be at standstill at once.
+    // A stop resets a program that is paused, or that must stop at once.
     has("CELL_STOP", &["IF AT_ONCE OR ($PRO_STATE1==#P_STOP) THEN", "CELL_RESET_DUE=CELL_READY"]);
-    // Outputs that are not listed are refused; inputs only if they are mapped.
+    // Outputs that are not listed are refused; inputs are refused only if they are not mapped.
     has(
         "CELL_JUDGE_VALUES",
         &["RIGHT=CELL_MAPPED(CMD.N1) AND ((CMD.N2==0) OR (CMD.N2==1)) AND ((CMD.R1==0.0) OR (CMD.R1==1.0))"],
     );
     has("CELL_JUDGE_VALUES", &["IF CELL_VIRTUAL(CMD.N1)==0 THEN", "RETURN CELL_E_READ_ONLY"]);
-    // A move_j must stop exactly.
+    // A move_j must stop exactly at its target.
     has("CELL_JUDGE_VALUES", &["RIGHT=(CMD.R1>=1.0) AND (CMD.R1<=100.0) AND (CMD.R2==0.0)"]);
     // The TCP is not reported before block coincidence.
     has(
@@ -171,10 +172,10 @@ fn the_programs_follow_the_same_rules_as_the_mock() {
             "TCP=$POS_ACT_MES",
         ],
     );
-    // A state's number continues from 0.
+    // The number of a state message continues from 0.
     has("CELL_TELL_STATE", &["IF CELL_SEQ<2147483647 THEN", "CELL_SEQ=CELL_SEQ+1", "ELSE", "CELL_SEQ=0"]);
-    // A client is dropped after 3 s without a request, whatever commands arrive, and whatever client tries to connect
-    // beside a client that is gone.
+    // A client is disconnected after 3 s without a request, whatever commands arrive, and even if another client tries
+    // to connect while the first one is unreachable.
     has(
         "CELL_LINKS",
         &[
@@ -184,7 +185,7 @@ fn the_programs_follow_the_same_rules_as_the_mock() {
     );
     assert!(body("CELL_REQUEST").contains(&"$TIMER[CELL_T_SILENT]=0".to_owned()));
     assert!(!body("CELL_COMMAND").contains(&"$TIMER[CELL_T_SILENT]=0".to_owned()));
-    // A dead submit interpreter stops the arm after the same time as a silent client.
+    // If the submit interpreter stops, the arm is stopped after the same time as for a silent client.
     has("CELL_CYCLE", &["$TIMER[CELL_T_SUBMIT]=-CELL_WATCHDOG_MS"]);
 }
 

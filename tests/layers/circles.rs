@@ -1,14 +1,14 @@
-//! The files of a crate: no file names, directly or through others, a file that names it in turn.
+//! Finds cyclic dependencies between the files of a crate.
 //!
-//! The graph has a node for each file and an edge for each path that the code of one file names in another. A name
-//! that a module only re-exports counts for the module that defines it. Code that is compiled only for tests does not
-//! count.
+//! The graph has a node for each file and an edge for each path by which the code of one file uses another file. A name
+//! that a module only re-exports is assigned to the module that defines it. Code that is compiled only for tests is
+//! ignored.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use syn::visit::{self, Visit};
 
-/// A module's path below the crate's root, `["panel", "region"]`.
+/// The path of a module below the crate's root, such as `["panel", "region"]`.
 type ModulePath = Vec<String>;
 
 /// The names that one module defines, and the names of other modules that it uses.
@@ -18,21 +18,21 @@ struct Module {
     file: ModulePath,
     children: BTreeSet<String>,
     items: BTreeSet<String>,
-    /// Imported name → imported path.
+    /// The imported path for each imported name.
     imports: BTreeMap<String, Vec<String>>,
     globs: Vec<Vec<String>>,
     /// Paths as they are written in the code.
     named: BTreeSet<Vec<String>>,
 }
 
-/// For each file, the files that it names, and the names that it uses for this.
+/// For each file, the files that it uses, and the names that it uses of each.
 type Edges = BTreeMap<ModulePath, BTreeMap<ModulePath, BTreeSet<String>>>;
 
-/// A dependency cycle: a set of files each of which names all others, directly or through others.
+/// A dependency cycle: a set of files, each of which uses all others, directly or through other files.
 pub struct Circle {
     /// `calib::fit, calib::gate`.
     pub members: String,
-    /// One line for each edge: the naming file, the named file, and the names.
+    /// One line for each edge: the file that uses, the file that is used, and the names.
     pub edges: Vec<String>,
 }
 
@@ -81,12 +81,12 @@ fn name(item: &syn::Item) -> Option<String> {
     }
 }
 
-/// Gathers the names of one file's modules.
+/// Collects the names in the modules of one file.
 struct Reader<'c> {
     all: &'c mut Crate,
     /// The file's module.
     file: ModulePath,
-    /// The module in which the reader currently is.
+    /// The module that is being read.
     inside: ModulePath,
 }
 
@@ -162,7 +162,7 @@ impl<'ast> Visit<'ast> for Reader<'_> {
         visit::visit_macro(self, invocation);
     }
 
-    /// Does nothing: `pub(super)` names a module only to state where an item is visible.
+    /// Does nothing, because `pub(super)` names a module only to state the visibility of an item.
     fn visit_visibility(&mut self, _: &'ast syn::Visibility) {}
 
     fn visit_attribute(&mut self, _: &'ast syn::Attribute) {}
@@ -184,7 +184,7 @@ impl Crate {
         all
     }
 
-    /// Adds a file's modules; returns the modules that it declares and that have files of their own.
+    /// Adds the modules of a file; returns the modules that it declares and that have separate files.
     pub fn add(&mut self, code: &str, module: &[String]) -> Vec<ModulePath> {
         let file = syn::parse_file(code).expect("the code parses");
         let mut reader = Reader { all: self, file: module.to_vec(), inside: module.to_vec() };
@@ -197,7 +197,7 @@ impl Crate {
         declared.map(|ident| [module, &[ident.to_string()]].concat()).collect()
     }
 
-    /// Returns the module that contains the item that `path` names, seen from `module`; `None` outside of the
+    /// Returns the module that defines the item with this path, resolved from `module`; `None` if it is outside of the
     /// crate.
     fn defining(&self, module: &[String], path: &[String], depth: usize) -> Option<ModulePath> {
         if depth > 32 {
@@ -227,7 +227,7 @@ impl Crate {
         }
     }
 
-    /// Follows the names of `rest`, starting in `module`, through re-exports.
+    /// Resolves the names of `rest`, starting in `module`, through re-exports.
     fn walk(&self, module: &[String], rest: &[String], depth: usize) -> Option<ModulePath> {
         let here = self.modules.get(module)?;
         let Some((name, after)) = rest.split_first() else { return Some(module.to_vec()) };
@@ -254,15 +254,15 @@ impl Crate {
         }
     }
 
-    /// Returns, for each file, the files of the crate that it names.
+    /// Returns, for each file, the files of the crate that it uses.
     fn edges(&self) -> Edges {
         let mut edges = Edges::new();
         for (path, module) in &self.modules {
             let named = edges.entry(module.file.clone()).or_default();
             for name in &module.named {
                 let Some(target) = self.defining(path, name, 0) else { continue };
-                // The import of a whole parent module only gives access to names, and these names are found at their
-                // use.
+                // The import of a whole parent module only gives access to names, and these names are found where they
+                // are used.
                 let is_way = path.starts_with(&target) && self.names_module(path, name, &target);
                 let file = &self.modules[&target].file;
                 if *file != module.file && !is_way {
@@ -273,7 +273,7 @@ impl Crate {
         edges
     }
 
-    /// Returns whether the path names the module itself, and not an item in it.
+    /// Returns whether the path refers to the module itself, and not to an item in it.
     fn names_module(&self, from: &[String], name: &[String], target: &[String]) -> bool {
         let Some(last) = name.last() else { return false };
         let is_glob = self.modules[from].globs.iter().any(|glob| glob == name);

@@ -1,9 +1,9 @@
-//! A client's session and a mock controller in virtual time, without sockets. Bytes travel in four directions, and
-//! may be late, in pieces, or cut off.
+//! A client's session and a mock controller in virtual time, without sockets. The bytes of each of the four directions
+//! may be delayed, split, or lost.
 //!
-//! Time jumps from one event to the next: a tick of the controller, a deadline of the session, an arrival of bytes.
+//! Time advances from one event to the next: a tick of the controller, a deadline of the session, an arrival of bytes.
 
-// The module is named by its path, because benches include this file by its own path.
+// The module is given by its path, because benches include this file by its own path.
 #[path = "cell/transport.rs"]
 mod transport;
 
@@ -19,23 +19,23 @@ use std::collections::VecDeque;
 use std::sync::LazyLock;
 use transport::{CHANNELS, Piece, Way};
 
-/// Start joints with the wrist bent down: the flange is at (390, 0, 670), its Z straight down.
+/// Start position of the axes, with the wrist bent down: the flange is at (390, 0, 670), with its Z axis straight down.
 pub const START: Joints =
     Joints { a1_deg: 0.0, a2_deg: -90.0, a3_deg: 90.0, a4_deg: 0.0, a5_deg: 90.0, a6_deg: 0.0 };
 
-/// The sanding tool: 100 mm along the flange's Z.
+/// The frame of the sanding tool: 100 mm along the Z axis of the flange.
 pub const TOOL: KukaPose = KukaPose { x_mm: 0.0, y_mm: 0.0, z_mm: 100.0, a_deg: 0.0, b_deg: 0.0, c_deg: 0.0 };
 
-/// The panel's frame, 40 mm below the tool at the start; its Z points down, into the panel.
+/// The panel's frame, 40 mm below the tool at the start; its Z axis points down, into the panel.
 pub const BASE: KukaPose = KukaPose { x_mm: 390.0, y_mm: 0.0, z_mm: 530.0, a_deg: 180.0, b_deg: 0.0, c_deg: 180.0 };
 
-/// The output that runs the tool.
+/// Number of the output that runs the tool.
 pub const TOOL_OUTPUT: u16 = 5;
 
-/// A controller's tick, ms.
+/// Interval between two ticks of the controller, ms.
 pub const TICK_MS: u64 = 12;
 
-/// Returns the shipped EthernetKRL files, as the client reads them.
+/// Returns the shipped EthernetKRL files in the form that the client uses.
 pub fn wire() -> Wire {
     static WIRE: LazyLock<Wire> = LazyLock::new(|| {
         let [command, state] = [CELLCMD, CELLSTAT].map(|text| ChannelFile::parse(text).expect("a shipped file"));
@@ -50,8 +50,8 @@ pub fn setup(clock: Clock) -> Setup {
         LazyLock::new(|| [CELLCMD, CELLSTAT].map(|text| mock::ChannelFile::parse(text).expect("a shipped file")));
     let [command, state] = FILES.clone();
     let mut setup = Setup { clock, start: START, ..Setup::new(command, state) };
-    // The paths of these tests end near axis 5's limit. With the usual limit, the retract from their last point
-    // would go beyond it.
+    // The paths of these tests end near the limit of axis 5. With the usual limit, the retract from their last point
+    // would exceed it.
     setup.arm.limits_deg[4] = [-130.0, 130.0];
     setup
 }
@@ -69,13 +69,13 @@ pub fn sanding_tool() -> Command {
     Command::SetTcp(SetTcp { flange_from_tool: TOOL, kind: TcpKind::Sanding })
 }
 
-/// Returns a path through the air, along the panel in contact, and off again. The points have this spacing and are
-/// rounded by half of it.
+/// Returns a path through the air, along the panel in contact, and back into the air. The points have this spacing and
+/// are rounded by half of the spacing.
 pub fn pass(points: usize, step_mm: f64, contact: bool) -> Vec<MoveLin> {
     let point = |index: usize| {
         let in_air = index < 2 || index + 2 >= points;
         let z_mm = if in_air { -10.0 } else { 0.0 };
-        // A shallow zigzag, so that the path turns at every point.
+        // A shallow zigzag, so that the path changes its direction at every point.
         let y_mm = if index.is_multiple_of(2) { 0.0 } else { 0.2 * step_mm };
         let pose = KukaPose { x_mm: step_mm * index as f64 - 40.0, y_mm, z_mm, ..KukaPose::default() };
         let blend_mm = if index + 1 == points { 0.0 } else { 0.4 * step_mm };
@@ -98,9 +98,9 @@ pub enum Side {
     Robot,
 }
 
-/// An observer of the cell's traffic, for the judges.
+/// An observer of the cell's messages, which checks requirements.
 pub trait Watch {
-    /// Called with a command's epoch and id when the command leaves the client.
+    /// Called with a command's epoch and ID when the command leaves the client.
     fn sent(&mut self, _epoch: u32, _id: u32, _now_ms: u64) {}
     /// Called with each report of the session.
     fn on_report(&mut self, _report: &Report, _cell: &Insides<'_>) {}
@@ -108,9 +108,8 @@ pub trait Watch {
     fn look(&mut self, _cell: &Insides<'_>) {}
 }
 
-/// Decides what happens to a message, by its direction (true: to the controller), its channel (0: commands, 1: states)
-/// and its bytes. `None` leaves the message unchanged; otherwise these pieces are sent, each this number of ms later
-/// than usual.
+/// Changes a message, given its direction (true: to the controller), its channel (0: commands, 1: states) and its
+/// bytes. `None` leaves the message unchanged; otherwise these pieces are sent, each delayed by this number of ms.
 pub type Tamper = Box<dyn FnMut(bool, usize, &[u8]) -> Option<Vec<(u64, Vec<u8>)>> + Send>;
 
 /// An observer that checks nothing.
@@ -118,12 +117,12 @@ pub struct Blind;
 
 impl Watch for Blind {}
 
-/// The state of a cell that tests may see.
+/// The state of a cell for observers.
 pub struct Insides<'a> {
     pub session: &'a Session,
     pub controller: &'a Controller,
     pub now_ms: u64,
-    /// Time at which bytes of the state channel last reached the client.
+    /// Time at which bytes of the state channel last reached the client, ms.
     pub heard_ms: u64,
     /// Whether the client's process is stalled.
     pub stalled: bool,
@@ -134,27 +133,27 @@ pub struct Cell {
     pub session: Session,
     pub controller: Controller,
     pub now_ms: u64,
-    /// Delay of bytes in each direction, ms: least and most.
+    /// Delay of bytes in each direction, ms: minimum and maximum.
     pub delay_ms: (u64, u64),
     pub fragment: bool,
-    /// Until this time the client's process does nothing.
+    /// Time until which the client's process does nothing, ms.
     pub client_stalls_until_ms: u64,
-    /// Until this time the client's messages do not arrive.
+    /// Time until which no message arrives at the client, ms.
     pub deaf_until_ms: u64,
-    /// Number of messages that were sent in any direction.
+    /// Number of messages that were sent in all directions.
     pub messages: usize,
-    /// A function that changes messages on their way.
+    /// A function that changes messages in transit.
     pub tamper: Option<Tamper>,
     draw: Pcg64,
     to_robot: [Way; 2],
     to_client: [Way; 2],
-    /// Whether the client has both connections; `robot_open` is the controller's end of each.
+    /// Whether the client has both connections; `robot_open` contains the controller's end of each connection.
     up: bool,
     robot_open: [bool; 2],
     retry_at_ms: u64,
     pause_ms: u64,
     heard_ms: u64,
-    /// Time at which bytes, or a connection, last reached the controller.
+    /// Time at which bytes, or a connection, last reached the controller, ms.
     reached_ms: u64,
     reports: VecDeque<Report>,
 }
@@ -165,7 +164,7 @@ impl Cell {
         Cell::within(setup, limits, seed, Box::new(UnconnectedWorld))
     }
 
-    /// Returns a cell that is not connected yet; the controller's terminals are connected to this world.
+    /// Creates a cell that is not yet connected, with a simulated world at the terminals of the controller.
     pub fn within(setup: Setup, limits: LinkLimits, seed: u64, world: Box<dyn World>) -> Self {
         Cell {
             session: Session::new(wire(), limits, ClockMode::Wall),
@@ -190,7 +189,7 @@ impl Cell {
         }
     }
 
-    /// Returns a cell with an open epoch, in which base, tool and speed are set and confirmed.
+    /// Creates a cell with an open epoch, in which base, tool and speed are set and confirmed.
     pub fn ready(setup: Setup, speed_m_s: f64) -> Self {
         let mut cell = Cell::new(setup, LinkLimits::default(), 1);
         cell.open(speed_m_s);
@@ -211,7 +210,7 @@ impl Cell {
         self.run(400, &mut Blind);
     }
 
-    /// Lets time pass until this is reported; returns false if it was not reported in time.
+    /// Advances the time until a matching report arrives; returns false if none arrived in time.
     pub fn until(&mut self, patience_ms: u64, found: impl Fn(&Report) -> bool) -> bool {
         let end_ms = self.now_ms + patience_ms;
         loop {
@@ -275,9 +274,9 @@ impl Cell {
         watch.look(&insides);
     }
 
-    /// Ends the client's process and begins another one with this session. The system closes the connections, but not
-    /// after a power cut: then the controller receives nothing more, and notices the end of the old connections only
-    /// when the new ones are made.
+    /// Ends the client's process and starts another one with this session. The system closes the connections, except
+    /// after a power failure: the controller then receives no further data, and detects the end of the old connections
+    /// only when new connections are made.
     pub fn restart_client(&mut self, session: Session, is_power_cut: bool) {
         self.session = session;
         self.reports.clear();
@@ -288,7 +287,7 @@ impl Cell {
         (self.retry_at_ms, self.pause_ms) = (self.now_ms, 100);
     }
 
-    /// Closes the old connections of a client that lost its power.
+    /// Closes the old connections of a client that had a power failure.
     pub fn close_dead_connections(&mut self) {
         for (_, end) in CHANNELS {
             self.controller.disconnect(end);
@@ -296,7 +295,7 @@ impl Cell {
         self.to_robot = Default::default();
     }
 
-    /// Lets time pass without a process on the client's side.
+    /// Advances the time without a process on the client's side.
     pub fn without_client(&mut self, ms: u64, watch: &mut impl Watch) {
         let end_ms = self.now_ms + ms;
         while self.now_ms < end_ms {
@@ -317,13 +316,13 @@ impl Cell {
         runs.then(|| self.now_ms - self.heard_ms)
     }
 
-    /// Returns the time since anything last reached the controller, ms, if a client's connection is open there.
+    /// Returns the time since any data last reached the controller, ms, if a client is connected there.
     pub fn unreached_ms(&self) -> Option<u64> {
         let holds = CHANNELS.iter().any(|(_, end)| self.controller.is_connected(*end));
         holds.then(|| self.now_ms - self.reached_ms)
     }
 
-    /// Returns whether no message waits to be received.
+    /// Returns whether no message is waiting to be received.
     pub fn all_heard(&self) -> bool {
         self.reports.is_empty()
     }
@@ -335,7 +334,7 @@ impl Cell {
         self.reached_ms = self.now_ms;
     }
 
-    /// Closes one end of one connection; bytes on their way arrive, or are lost if `loses` is set.
+    /// Closes one end of one connection; bytes in transit arrive, or are lost if `loses` is set.
     pub fn cut(&mut self, channel: Channel, side: Side, loses: bool) {
         if !self.up {
             return;

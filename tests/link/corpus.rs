@@ -1,5 +1,5 @@
-//! The hostile corpus: every line of `fixtures/eki/hostile.txt` is applied to each field that it concerns, and must get
-//! exactly the verdict that it states.
+//! The hostile corpus: every line of `fixtures/eki/hostile.txt` is applied to each field to which it refers, and must
+//! get exactly the verdict that it states.
 
 use super::cell::wire;
 use panelprep::eki::Framer;
@@ -18,16 +18,16 @@ impl<'a> Field<'a> {
     fn read(words: &[&'a str]) -> Self {
         let [tag, kind, low, high] = *words else { panic!("{words:?}") };
         let number = |text: &str| text.parse().expect("a number");
-        Field { tag, is_int: kind == "int", low: number(low), high: number(high) }
+        Field { tag, is_int: kind == "int", low: formatted_number(low), high: formatted_number(high) }
     }
 
-    /// Returns the path of the field's element, and the field's own name.
+    /// Returns the path of the field's element, and the name of the field.
     fn parts(&self) -> (&'a str, &'a str) {
         self.tag.split_once("/@").expect("an attribute")
     }
 
-    /// The range of the field's value in the document.
-    fn place(&self, document: &str) -> std::ops::Range<usize> {
+    /// Returns the byte range of the field's value in the document.
+    fn value_range(&self, document: &str) -> std::ops::Range<usize> {
         let (path, name) = self.parts();
         let element = format!("<{} ", path.rsplit('/').next().expect("a name"));
         let element = document.find(&element).expect("the element");
@@ -37,7 +37,7 @@ impl<'a> Field<'a> {
     }
 
     /// Returns a number in the format of this field.
-    fn number(&self, value: f64) -> String {
+    fn formatted_number(&self, value: f64) -> String {
         if self.is_int { format!("{value:.0}") } else { format!("{value:.6}") }
     }
 
@@ -59,13 +59,13 @@ impl<'a> Field<'a> {
 
     /// Returns the document with this edit.
     fn edited(&self, document: &str, edit: &str) -> String {
-        let place = self.place(document);
+        let place = self.value_range(document);
         let (_, name) = self.parts();
         let whole = place.start - name.len() - 3..place.end + 1;
         let (step, mut text) = (if self.is_int { 1.0 } else { 0.5 }, document.to_owned());
         match edit {
-            "below" => text.replace_range(place, &self.number(self.low - step)),
-            "above" => text.replace_range(place, &self.number(self.high + step)),
+            "below" => text.replace_range(place, &self.formatted_number(self.low - step)),
+            "above" => text.replace_range(place, &self.formatted_number(self.high + step)),
             "missing" => text.replace_range(whole, ""),
             "twice" => text.insert_str(whole.end, &document[whole]),
             "empty" => text.replace_range(place, ""),
@@ -94,7 +94,7 @@ fn unescape(text: &str) -> Vec<u8> {
     bytes
 }
 
-/// Returns the verdict on a stream: the number of good documents, then the first error.
+/// Returns the verdict on a stream: the number of valid documents, then the first error.
 fn verdict(stream: &[u8]) -> String {
     let (mut framer, wire, mut good) = (Framer::default(), wire(), 0);
     framer.push(stream);
@@ -139,7 +139,7 @@ fn corpus() -> Vec<(Vec<u8>, String)> {
         for (value, template) in after(start).map(split) {
             let value = unescape(value.trim_matches('"'));
             for field in fields.iter().filter(|field| field.is_int == of_int) {
-                let (text, place) = (document(field), field.place(document(field)));
+                let (text, place) = (document(field), field.value_range(document(field)));
                 let bytes = [&text.as_bytes()[..place.start], &value, &text.as_bytes()[place.end..]].concat();
                 corpus.push((bytes, field.verdict(template, place.start)));
             }

@@ -1,5 +1,5 @@
-//! The link is cut at every waypoint and at every message of a path, on each side. An ended epoch must never move
-//! the robot, and the pad must be off the surface within half a second.
+//! Cuts the connection at every waypoint and at every message of a path, on each side. After the end of an epoch the
+//! robot must not execute its commands, and the pad must be off the surface within half a second.
 
 use super::cell::{Blind, Cell, Side, height_mm, pass, setup};
 use super::oracles::Oracles;
@@ -8,9 +8,9 @@ use panelprep::eki::{Channel, CommandId, Report};
 
 const POINTS: usize = 40;
 const SPEED_M_S: f64 = 0.1;
-/// Longest time from the cut until the pad is off the surface, ms.
+/// Maximum time from the cut until the pad is off the surface, ms.
 const MAX_LEAVE_TIME_MS: u64 = 500;
-/// Height from which the pad counts as off the surface: more than any pad is pressed in, mm.
+/// Minimum height at which the pad is treated as off the surface, mm: more than the maximum compression of a pad.
 const MIN_OFF_HEIGHT_MM: f64 = 2.0;
 
 #[derive(Debug, Clone, Copy)]
@@ -32,8 +32,8 @@ const CUTS: [Cut; 9] = [
     Cut::Silent,
 ];
 
-/// Returns a cell in the middle of a path in contact, with oracles that judge everything.
-fn sanding() -> (Cell, Oracles, CommandId) {
+/// Returns a cell in the middle of a path in contact, with oracles that check all requirements.
+fn cell_in_contact() -> (Cell, Oracles, CommandId) {
     let mut cell = Cell::ready(setup(Clock::Free), SPEED_M_S);
     cell.delay_ms = (2, 2);
     let mut oracles = Oracles::new(2);
@@ -45,7 +45,7 @@ fn sanding() -> (Cell, Oracles, CommandId) {
     (cell, oracles, last)
 }
 
-/// Cuts the link and judges the next three seconds; motions that are executed after the cut are checked.
+/// Cuts the connection and checks the next three seconds, including motions that are executed after the cut.
 fn cut_and_judge(cut: Cut, mut cell: Cell, mut oracles: Oracles, at: &str) {
     let ended = cell.session.epoch();
     let cut_ms = cell.now_ms;
@@ -63,7 +63,7 @@ fn cut_and_judge(cut: Cut, mut cell: Cell, mut oracles: Oracles, at: &str) {
     let after = cell.executed().iter().filter(|step| step.time_ms > cut_ms + MAX_LEAVE_TIME_MS).count();
     assert_eq!(after, 0, "{cut:?} {at}: executed after the cut");
     assert_ne!(cell.session.epoch(), ended, "{cut:?} {at}: the epoch is still open");
-    // If the cable is intact, the link is connected again and has moved nothing.
+    // If the cable is intact, the client is connected again and has moved nothing.
     let is_back = cell.session.is_connected() && cell.session.epoch().is_none();
     assert!(is_back || matches!(cut, Cut::Silent), "{cut:?} {at}: not connected again");
 }
@@ -72,7 +72,7 @@ fn cut_and_judge(cut: Cut, mut cell: Cell, mut oracles: Oracles, at: &str) {
 fn a_link_cut_at_any_waypoint_never_moves_an_ended_epoch() {
     for cut in CUTS {
         for point in 0..POINTS {
-            let (mut cell, mut oracles, _) = sanding();
+            let (mut cell, mut oracles, _) = cell_in_contact();
             while cell.executed().len() < point {
                 cell.step(u64::MAX, &mut oracles);
             }
@@ -83,14 +83,14 @@ fn a_link_cut_at_any_waypoint_never_moves_an_ended_epoch() {
 
 #[test]
 fn a_link_cut_at_any_message_never_moves_an_ended_epoch() {
-    let (mut whole, _, last) = sanding();
+    let (mut whole, _, last) = cell_in_contact();
     let before = whole.messages;
     assert!(whole.until(10_000, |report| *report == Report::PathDone { last }), "the path uncut");
     let messages = whole.messages - before;
     assert!(messages > 100, "{messages} messages");
     for cut in CUTS {
         for message in 0..messages {
-            let (mut cell, mut oracles, _) = sanding();
+            let (mut cell, mut oracles, _) = cell_in_contact();
             while cell.messages - before < message {
                 cell.step(u64::MAX, &mut oracles);
             }
@@ -99,11 +99,11 @@ fn a_link_cut_at_any_message_never_moves_an_ended_epoch() {
     }
 }
 
-/// If the link is cut between the last point and its report, the path is not reported as done, and the state contains
-/// how far the path was executed.
+/// If the connection is cut between the last point and its report, the path is not reported as executed, and the state
+/// contains the number of executed points.
 #[test]
 fn a_path_whose_end_was_not_reported_is_not_reported_as_done() {
-    let (mut cell, _, last) = sanding();
+    let (mut cell, _, last) = cell_in_contact();
     while cell.executed().len() < POINTS {
         cell.step(u64::MAX, &mut Blind);
     }

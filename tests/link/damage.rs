@@ -1,13 +1,13 @@
-//! Messages that no good client sends: commands that must be refused, documents with a missing element, requests
-//! with any number.
+//! Messages that a correct client never sends: commands that must be refused, documents with a missing element,
+//! requests with arbitrary numbers.
 
 use rand::RngExt;
 use rand_pcg::Pcg64;
 
-/// The input that the controller maps to a flag.
+/// Number of the input that the controller maps to a flag.
 pub const MAPPED_INPUT: u16 = 33;
 
-/// Commands that the programs refuse whatever came before: operation, N1, N2, R1, R2 and the first number of P.
+/// Commands that the programs refuse in every state: operation, N1, N2, R1, R2 and the first value of P.
 #[rustfmt::skip] // a row for each command
 const REFUSED: [(i32, i32, i32, f32, f32, f32); 27] = [
     (0, 0, 0, 0.0, 0.0, 0.0), (9, 0, 0, 0.0, 0.0, 0.0), (99, 0, 0, 0.0, 0.0, 0.0),
@@ -28,8 +28,8 @@ fn document(epoch: i32, id: i32, (operation, n1, n2, r1, r2, x): (i32, i32, i32,
     )
 }
 
-/// Commands and requests at once, for a controller in this epoch that has received this number of commands; `Ok`
-/// goes to the command channel, `Err` to the state channel.
+/// Returns commands and requests that arrive together, for a controller in this epoch that has received this number of
+/// commands; `Ok` is for the command channel, `Err` for the state channel.
 pub fn documents(draw: &mut Pcg64, epoch: i32, received: i32) -> Vec<Result<String, String>> {
     let next = epoch.saturating_add(1);
     let request = |operation: i32, number: i32| {
@@ -39,12 +39,12 @@ pub fn documents(draw: &mut Pcg64, epoch: i32, received: i32) -> Vec<Result<Stri
     let good = (6, 1, 0, 0.0, 0.0, 0.0);
     match draw.random_range(0..16) {
         0..6 => vec![Ok(document(epoch, received + 1, refused))],
-        // A command after a missing id; a command of another epoch; a command of an epoch that has ended.
+        // A command whose ID is not the next one; a command of another epoch; a command of an epoch that has ended.
         6 => vec![Ok(document(epoch, received + 2, good))],
         7 => vec![Ok(document(next, 1, good))],
         8 => vec![Ok(document(epoch - 1, received + 1, good))],
-        // A line before base and tool are set; contact with tool number 0; a line outside of the box; a contact too far
-        // away.
+        // A line before base and tool are set; contact with tool number 0; a line outside of the box; a contact point
+        // too far away.
         9 => vec![request(12, next), Ok(document(next, 1, (2, 0, 0, 0.0, 0.0, 0.0)))],
         10 => {
             let (tool, contact, x) = [(0, 1, 0.0), (0, 0, 20_000.0), (1, 1, 5_000.0)][next.rem_euclid(3) as usize];
@@ -55,7 +55,7 @@ pub fn documents(draw: &mut Pcg64, epoch: i32, received: i32) -> Vec<Result<Stri
                 Ok(document(next, 3, (2, 0, contact, 0.0, 0.0, x))),
             ]
         }
-        // More commands than the ring holds, after slow subroutines.
+        // More commands than the ring buffer holds, after slow subroutines.
         11 => std::iter::once(request(12, next))
             .chain((1..=104).map(|id| Ok(document(next, id, (8, 0, 0, 0.0, 0.0, 0.0)))))
             .collect(),

@@ -1,7 +1,8 @@
-//! Byte-level fuzz tests, seeded: good streams with random damage.
+//! Fuzz tests at the level of bytes: valid streams with random damage from a seed.
 //!
-//! Framer and decoder must neither panic nor depend on how the stream was cut. A damaged document gives a value in
-//! range or an error that names the place. The controller continues, with its channel closed or not.
+//! Framer and decoder must not panic, and their results must not depend on the positions at which the stream is cut. A
+//! damaged document gives a value in range or an error that names the position. The controller continues, with its
+//! channel open or closed.
 
 use super::cell::{Blind, Cell, setup, wire};
 use crate::fuzz::documents;
@@ -14,7 +15,7 @@ use rand_pcg::Pcg64;
 
 const STREAMS: u64 = 20_000;
 
-/// The controller's messages during two seconds of a path, by channel.
+/// The messages of the controller during two seconds of a path, by channel.
 fn good_streams() -> [Vec<u8>; 2] {
     let mut controller = mock::Controller::new(setup(Clock::Free), Box::new(mock::UnconnectedWorld)).expect("fits");
     let ends = [mock::Channel::Command, mock::Channel::State];
@@ -33,7 +34,7 @@ fn good_streams() -> [Vec<u8>; 2] {
     ends.map(|end| controller.take_output_bytes(end))
 }
 
-/// Damages a stream as real faults do: bits, bytes, holes, repeats, foreign pieces.
+/// Damages a stream as real faults do: changed bits, changed bytes, gaps, repeated pieces, foreign pieces.
 fn damage(stream: &[u8], draw: &mut Pcg64) -> Vec<u8> {
     const PIECES: [&[u8]; 16] = [
         b"<",
@@ -112,7 +113,7 @@ fn damaged_streams_give_the_same_result_at_any_cut_and_no_panic() {
     assert!(whole > 1_000 && broken > 1_000 && refused > 1_000, "{whole} {broken} {refused}");
 }
 
-/// The session ends its link with any damaged stream, or continues; it never opens an epoch by itself.
+/// With any damaged stream, the session ends its connection or continues; it never opens an epoch without a request.
 #[test]
 fn a_session_survives_any_stream() {
     let streams = good_streams();
@@ -132,7 +133,7 @@ fn a_session_survives_any_stream() {
     }
 }
 
-/// Sends damaged commands to the controller: none of them moves the arm, and a good client is served afterwards.
+/// Sends damaged commands to the controller: none of them moves the arm, and a correct client is served afterwards.
 #[test]
 fn a_controller_survives_any_stream() {
     let good = "<Cmd Id=\"1\" Ep=\"1\" Op=\"2\" N1=\"0\" N2=\"0\" R1=\"2.000000\" R2=\"0.000000\"><P X=\"1.000000\" Y=\"0.000000\" \
@@ -150,7 +151,7 @@ fn a_controller_survives_any_stream() {
 }
 
 proptest! {
-    /// Good documents of each kind that are cut anywhere give the same documents.
+    /// Valid documents of each kind that are cut at any position give the same documents.
     #[test]
     fn any_split_of_a_stream_gives_the_same_documents(
         kinds in prop::collection::vec(0..3usize, 1..12),

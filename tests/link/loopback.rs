@@ -1,11 +1,11 @@
-//! A mock controller behind sockets, in real time, and a link to it.
+//! A mock controller behind sockets, in real time, and a client connected to it.
 
 use super::cell::setup;
 use panelprep::devices::mock::{self, Clock, FaultSpec, MockServer, Ports, Setup};
 use panelprep::devices::robot::{Address, BlockingLink};
 use panelprep::eki::{ClockMode, LinkLimits};
 
-/// Returns a mock server with these faults, and a link to it.
+/// Returns a mock server with these injected faults, and a client connected to it.
 pub fn served(faults: &str) -> (MockServer, BlockingLink) {
     let faults: FaultSpec = if faults.is_empty() { FaultSpec::default() } else { faults.parse().expect("good") };
     let setup = Setup { faults, ..setup(Clock::Free) };

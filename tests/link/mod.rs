@@ -1,4 +1,5 @@
-//! The robot link as a whole: the client's session against the mock controller, in virtual time and over sockets.
+//! Tests the connection to the robot as a whole: the client's session against the mock controller, in virtual time and
+//! over sockets.
 
 pub mod cell;
 mod corpus;

@@ -1,5 +1,5 @@
-//! Rules that must be satisfied at every moment of every run, whatever goes wrong. They are judged by the arm and
-//! by the messages sent, not by the state that either program reports about itself.
+//! Requirements that must be satisfied at every moment of every run, whatever fault occurs. They are checked on the arm
+//! and on the sent messages, not on the state that either program reports about itself.
 
 use super::cell::{BASE, Insides, TICK_MS, TOOL, TOOL_OUTPUT, Watch, height_mm};
 use panelprep::devices::mock::{Controller, ExecutedMotion, ProgramStop};
@@ -7,18 +7,18 @@ use panelprep::eki::{CommandId, Epoch, MoveLin, Refusal, Report};
 use panelprep::geometry::{Base, Joints, Panel, Rigid, Tool};
 use std::collections::BTreeMap;
 
-/// Longest time from full speed to standstill, ms.
-const BRAKE_MS: u64 = 260;
-/// Time limit for the retract by 50 mm from the panel at 0.2 m/s, after braking; the second value is for an arm
-/// that is slowed to a fifth of that speed.
+/// Maximum time from full speed to standstill, ms.
+const MAX_BRAKING_MS: u64 = 260;
+/// Time limits for the retract by 50 mm from the panel after braking, ms: at 0.2 m/s, and below it for an arm that is
+/// slowed to a fifth of this speed.
 const RETRACT_MS: u64 = 800;
 const MAX_SLOW_RETRACT_MS: u64 = 1_600;
-/// Longest time from the client's end of an epoch to the arm's standstill: the watchdog, the commands in transit, and
-/// braking, ms.
-const MAX_EPOCH_END_MS: u64 = 400 + 400 + BRAKE_MS;
-/// The longest time after which the connection of a client that sends nothing is closed and the epoch ends, ms.
-const CLIENT_SILENCE_TIMEOUT_MS: u64 = 3_000 + 400;
-/// Time in which the pad must be off the surface after a stop in contact, ms.
+/// Maximum time from the client's end of an epoch to the arm's standstill, ms: the watchdog, the commands in transit,
+/// and braking.
+const MAX_EPOCH_END_MS: u64 = 400 + 400 + MAX_BRAKING_MS;
+/// Maximum time after which the connection of a client that sends nothing is closed and its epoch ends, ms.
+const MAX_SILENCE_MS: u64 = 3_000 + 400;
+/// Maximum time until the pad is off the surface after a stop in contact, ms.
 const MAX_LEAVE_MS: u64 = 100;
 /// Contact without motion.
 const DWELL_MS: u64 = 200;
@@ -26,58 +26,58 @@ const MAX_WINDOW_MS: f64 = 1_000.0;
 /// Outputs that the end of an epoch switches off, and the time after the end, ms.
 const OFF_AFTER_MS: [(u16, u64); 4] = [(1, 60_000), (2, 0), (4, 30_000), (TOOL_OUTPUT, 0)];
 
-/// Time that the programs may need in addition to the model, which stops in one step: cycles of a scheduler that
-/// starves them.
+/// Additional time that the programs may need compared with the model, which stops in one step, ms: cycles of an
+/// overloaded scheduler.
 const PROGRAMS_MS: u64 = 300;
-/// Additional delay before a starved robot interpreter begins to brake.
+/// Additional delay before the robot interpreter begins to brake if the scheduler is overloaded, ms.
 const STARVED_MS: u64 = 60;
-/// Longest time for which the arm continues without its link, if the programs are executed.
-const MAX_UNLINKED_MS: u64 = 400 + BRAKE_MS;
+/// Maximum time for which the arm continues without its connection, if the programs are executed, ms.
+const MAX_UNLINKED_MS: u64 = 400 + MAX_BRAKING_MS;
 
-/// The first thing that was wrong.
+/// Description of the first violated requirement, if any.
 pub type Violation = Option<String>;
 
 #[derive(Default)]
 pub struct Oracles {
     pub violation: Violation,
-    /// Until this time the arm is slowed.
+    /// Time until which the arm is slowed, ms.
     pub slowed_until_ms: u64,
-    /// The speed until then, percent of the full one.
+    /// The speed until that time, percent of the full speed.
     pub slowed_to_percent: u8,
-    /// Another client has sent commands, in epochs up to this one.
+    /// The highest epoch in which another client has sent commands.
     pub strange_epoch: i32,
-    /// Time until the next abort is sent, ms, if aborts are taken for heartbeats. The controller's watchdog accepts
-    /// these as signs of life.
+    /// Time until the next abort is sent, ms, if aborts are treated as heartbeats: the controller's watchdog accepts
+    /// aborts as signs of life.
     pub unheeded_ms: u64,
-    /// The longest delay of a byte, ms.
+    /// Maximum delay of a byte, ms.
     pub delay_ms: u64,
     /// Returns whether the tool is on the panel, if the panel differs from the one of these tests.
     pub is_low: Option<fn(&Controller) -> bool>,
-    /// Bits of the harmful outputs: while one of them is on, silence is judged as if a command were queued.
+    /// Bits of the harmful outputs: while one of them is on, silence is checked as if a command were queued.
     pub harmful_outputs: u32,
     /// Whether one of the harmful outputs was on at the last report to the client.
     is_harmful: bool,
     points: BTreeMap<(u32, u32), MoveLin>,
     /// Duration of the motion to each point, ms.
     lasts_ms: BTreeMap<(u32, u32), f64>,
-    /// Whether the controller was started again under another process.
+    /// Whether the controller was restarted while another client process was running.
     begins_anew: bool,
-    /// The last epoch, and the highest number of done commands that the controller counted in it.
+    /// The last epoch, and the highest number of executed commands that the controller counted in this epoch.
     most_done: (u32, i32),
     sent: BTreeMap<u32, u32>,
     first_sent_ms: BTreeMap<u32, u64>,
     ended_ms: BTreeMap<u32, u64>,
     open: Option<Epoch>,
-    /// Time since which the client has had no epoch; `unable_ms` is the last time at which no robot program was able
-    /// to react.
+    /// Time since which the client has had no epoch; `unable_ms` is the last time at which no robot program was able to
+    /// react.
     closed_ms: Option<u64>,
     unable_ms: u64,
     told_done: CommandId,
     joints: Option<Joints>,
     moved_ms: u64,
-    /// Time at which the link was last completely connected.
+    /// Time at which the connection was last established on both channels.
     linked_ms: u64,
-    /// Whether the arm could not move for a while during this contact: a person then jogs the arm off the panel.
+    /// Whether the arm could not move for some time during this contact; a person then jogs the arm off the panel.
     left_there: bool,
     executed: usize,
     last_executed: BTreeMap<i32, i32>,
@@ -85,26 +85,26 @@ pub struct Oracles {
 }
 
 impl Oracles {
-    /// Starts with nothing observed; `delay_ms` is the largest delay of bytes.
+    /// Starts without any observation; `delay_ms` is the maximum delay of bytes.
     pub fn new(delay_ms: u64) -> Self {
         Oracles { delay_ms, ..Oracles::default() }
     }
 
-    /// Starts watching in this epoch, after this command.
+    /// Starts the observation in this epoch, after this command.
     pub fn before(&mut self, epoch: Epoch, last: CommandId) {
         self.open = Some(epoch);
         self.sent.insert(epoch.0, last.0);
         self.told_done = last;
     }
 
-    /// Adds a queued path: its points, the last of them with this id, and the duration of each.
+    /// Adds a queued path: its points, the ID of the last point, and the duration of each point.
     pub fn queued(&mut self, epoch: Epoch, last: CommandId, points: &[MoveLin], speed_m_s: f64) {
         self.lasts(epoch, last, points, speed_m_s);
         let first = last.0 + 1 - points.len() as u32;
         self.points.extend(points.iter().zip(first..).map(|(point, id)| ((epoch.0, id), *point)));
     }
 
-    /// Adds a queued path of which only the duration is judged.
+    /// Adds a queued path of which only the duration is checked.
     pub fn lasts(&mut self, epoch: Epoch, last: CommandId, points: &[MoveLin], speed_m_s: f64) {
         let first = last.0 + 1 - points.len() as u32;
         let mut before = points[0].pose;
@@ -116,12 +116,13 @@ impl Oracles {
         }
     }
 
-    /// Notes that the controller's count of epochs begins anew, and that the present process may know none of them.
+    /// Records that the controller counts its epochs from the beginning again, and that the present process may know
+    /// none of them.
     pub fn epochs_begin_anew(&mut self) {
         self.begins_anew = true;
     }
 
-    /// Notes that a person has jogged the arm to these joints.
+    /// Records that a person has jogged the arm to these axis positions.
     pub fn jogged(&mut self, joints: Joints) {
         self.joints = Some(joints);
     }
@@ -135,7 +136,7 @@ impl Oracles {
         cell.controller.epoch() <= self.strange_epoch
     }
 
-    /// Returns the longest allowed duration of a retract that begins at this time.
+    /// Returns the maximum duration of a retract that begins at this time, ms.
     fn retract_ms(&self, from_ms: u64) -> u64 {
         match self.slowed_until_ms.saturating_sub(from_ms) {
             0 => RETRACT_MS,
@@ -144,8 +145,8 @@ impl Oracles {
         }
     }
 
-    /// Returns the longest time from a stop until the disc, which is off, has left the surface. The override scales the
-    /// retract: 1 mm at 0.2 m/s takes 5 ms, and 500 ms at 1 %.
+    /// Returns the maximum time from a stop until the disc, which is switched off, has left the surface, ms. The
+    /// override scales the retract: 1 mm at 0.2 m/s takes 5 ms, and 500 ms at 1 %.
     fn leave_ms(&self, from_ms: u64) -> u64 {
         match self.slowed_until_ms > from_ms {
             true => MAX_LEAVE_MS.max(500 / u64::from(self.slowed_to_percent.max(1))),
@@ -157,8 +158,8 @@ impl Oracles {
         self.violation.get_or_insert_with(|| format!("{now_ms} ms: {what}"));
     }
 
-    /// Checks that a command is executed once, in order, as sent, to the target that was sent, and not after the end
-    /// of its epoch.
+    /// Checks that a command is executed once, in order, as it was sent, to the target that was sent, and not after the
+    /// end of its epoch.
     fn judge_executed(&mut self, step: &ExecutedMotion, stops: &[ProgramStop]) {
         let (epoch, id) = (step.epoch.cast_unsigned(), step.id.cast_unsigned());
         let now_ms = step.time_ms;
@@ -169,10 +170,10 @@ impl Oracles {
         if step.id <= before {
             self.wrong(now_ms, format!("command {id} of epoch {epoch} was executed after command {before}"));
         }
-        // Another client may have used the number before, on a controller that has forgotten it since.
+        // Another client may have used this number before, on a controller that has restarted since.
         let began_ms = self.first_sent_ms.get(&epoch).copied().unwrap_or(0);
         if let Some(stop) = stops.iter().find(|stop| stop.epoch == step.epoch && stop.time_ms >= began_ms)
-            && now_ms > stop.time_ms + BRAKE_MS + STARVED_MS
+            && now_ms > stop.time_ms + MAX_BRAKING_MS + STARVED_MS
         {
             self.wrong(now_ms, format!("an ended epoch moved the arm: command {id} of epoch {epoch}, {stop:?}"));
         }
@@ -198,9 +199,9 @@ impl Oracles {
         let controller = cell.controller;
         let (now_ms, joints) = (cell.now_ms, controller.joints());
         let before = *self.joints.get_or_insert(joints);
-        // Such a small change comes from the block coincidence at the arm's present position: $AXIS_ACT_MEAS is rounded
-        // to 32 bits.
-        if before == joints || (is_program(cell) && apart_deg(&before, &joints) < 1e-3) {
+        // Such a small change is caused by the block coincidence at the arm's present position, because $AXIS_ACT_MEAS
+        // is rounded to 32 bits.
+        if before == joints || (is_program(cell) && max_axis_difference_deg(&before, &joints) < 1e-3) {
             return;
         }
         self.joints = Some(joints);
@@ -209,8 +210,8 @@ impl Oracles {
         let last_stop = controller.program_stops().last();
         let after_ms = last_stop.map_or(u64::MAX, |stop| now_ms - stop.time_ms);
         let retract_ms = last_stop.map_or(0, |stop| self.retract_ms(stop.time_ms));
-        let brake_ms = if is_program(cell) { BRAKE_MS + STARVED_MS } else { BRAKE_MS };
-        // Another stop may follow a stop in contact while the arm retracts.
+        let brake_ms = if is_program(cell) { MAX_BRAKING_MS + STARVED_MS } else { MAX_BRAKING_MS };
+        // While the arm retracts after a stop in contact, another stop may follow.
         let retracts = controller
             .program_stops()
             .iter()
@@ -255,7 +256,7 @@ impl Oracles {
         if (stopped && last_stop.is_some_and(|stop| stop.cause.is_immediate())) || !cell.controller.can_move() {
             self.left_there = true;
         } else if !stopped && !low {
-            // A person jogs the arm off the panel, or the next path moves it away: an epoch that is only opened moves
+            // A person jogs the arm off the panel, or the next path moves it away; opening an epoch alone moves
             // nothing.
             self.left_there = false;
         }
@@ -268,26 +269,26 @@ impl Oracles {
         }
         if let Some(stop) = last_stop.filter(|stop| stop.contact && cell.controller.is_stopped())
             && low
-            // The override also scales the retract. The disc is switched off by then, and leaves the panel once the
-            // arm is faster.
+            // The override also scales the retract. The disc is switched off by then, and leaves the panel as soon as
+            // the arm is faster.
             && now_ms > stop.time_ms.max(self.slowed_until_ms) + MAX_LEAVE_MS + more_ms
         {
             self.wrong(now_ms, format!("on the panel {} ms after {stop:?}", self.leave_ms(stop.time_ms)));
         }
     }
 
-    /// Checks that the motions that the robot still executes without the client take at most a second, or are at
+    /// Checks that the motions that the robot can still execute without the client take at most a second, or are at
     /// most five points.
     fn judge_window(&mut self, cell: &Insides<'_>) {
-        // The commands that an ended epoch has received wait for no client.
+        // The commands that an ended epoch has received are not executed.
         if is_program(cell) && (cell.controller.is_stopped() || self.is_strange(cell)) {
             return;
         }
         let (received, done) = cell.controller.counts();
         let epoch = cell.controller.epoch().cast_unsigned();
         let (of, most_done) = self.most_done;
-        // A robot program that was selected anew has left the epoch, and counts from zero until the other
-        // interpreter notices.
+        // A robot program that was selected again has left the epoch, and counts from zero until the other interpreter
+        // detects this.
         if is_program(cell) && of == epoch && done < most_done {
             return;
         }
@@ -308,7 +309,8 @@ impl Oracles {
         }
     }
 
-    /// Checks that, after any end of an epoch, each output goes off within its time, except those that may stay on.
+    /// Checks that, after any end of an epoch, each output is switched off within its time, except outputs that may
+    /// stay on.
     fn judge_outputs(&mut self, cell: &Insides<'_>) {
         if cell.session.epoch().is_some() {
             self.closed_ms = None;
@@ -322,8 +324,8 @@ impl Oracles {
         let since_ms = closed_ms.max(self.unable_ms) + MAX_EPOCH_END_MS + self.delay_ms + self.unheeded_ms;
         let late_ms = self.late_end_ms(cell, closed_ms);
         for (output, after_ms) in OFF_AFTER_MS {
-            // If nothing is queued, and neither tool nor water is on, silence ends the epoch only when the
-            // connection is lost.
+            // If nothing is queued, and neither tool nor water is on, silence ends the epoch only when the connection
+            // is lost.
             let since_ms = if after_ms > 0 { since_ms.max(late_ms) } else { since_ms };
             if cell.controller.outputs().get(&output) == Some(&true) && cell.now_ms > since_ms + after_ms {
                 self.wrong(
@@ -337,7 +339,7 @@ impl Oracles {
     /// Returns the time at which the controller ended an epoch that the client had ended at the given time, plus the
     /// time that the controller's program may need.
     fn late_end_ms(&self, cell: &Insides<'_>, closed_ms: u64) -> u64 {
-        let latest_ms = closed_ms + CLIENT_SILENCE_TIMEOUT_MS + self.delay_ms;
+        let latest_ms = closed_ms + MAX_SILENCE_MS + self.delay_ms;
         let stop = cell.controller.program_stops().last().filter(|stop| stop.time_ms <= latest_ms);
         stop.map_or(0, |stop| stop.time_ms + PROGRAMS_MS)
     }
@@ -359,15 +361,15 @@ impl Oracles {
     }
 }
 
-/// Returns the largest difference of an axis, degrees.
-fn apart_deg(one: &Joints, other: &Joints) -> f64 {
+/// Returns the maximum difference of an axis, degrees.
+fn max_axis_difference_deg(one: &Joints, other: &Joints) -> f64 {
     let axes = |joints: &Joints| {
         [joints.a1_deg, joints.a2_deg, joints.a3_deg, joints.a4_deg, joints.a5_deg, joints.a6_deg]
     };
     axes(one).into_iter().zip(axes(other)).fold(0.0, |most, (one, other)| most.max((one - other).abs()))
 }
 
-/// Returns whether the robot program of a controller that executes the shipped programs was restarted. It executes
+/// Returns whether the robot program of a controller that executes the shipped programs was restarted. It then executes
 /// nothing more of the epoch, which the submit interpreter is about to end.
 fn has_left(cell: &Insides<'_>) -> bool {
     let ended = cell.controller.shared("CELL_DEAD_EP");
@@ -457,8 +459,8 @@ impl Watch for Oracles {
     }
 }
 
-/// Reasons for which a good client's commands may be refused: the robot cannot move, it has stopped, it was set to
-/// refuse, or its override has changed.
+/// Reasons for which the commands of a correct client may be refused: the robot cannot move, it has stopped, it was set
+/// to refuse, or its override has changed.
 const MAY_BE_REFUSED: [Refusal; 5] = [
     Refusal::NoMotionMode,
     Refusal::Stopped,

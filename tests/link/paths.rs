@@ -1,4 +1,4 @@
-//! Tests of whole paths: long paths without a stop, a slow robot, a lost base, counters at the end of their range.
+//! Tests whole paths: long paths without a stop, a slow robot, a lost base, numbers at the end of their range.
 
 use super::cell::{BASE, Blind, Cell, pass, sanding_tool, setup, speed};
 use panelprep::devices::mock::{Clock, Fault, Setup, StopCause};
@@ -27,8 +27,8 @@ fn meander(points: usize) -> Vec<MoveLin> {
     points
 }
 
-/// 10,000 points with a round trip of 20 ms: the controller never runs out of points, and the arm does not stop before
-/// the end.
+/// 10,000 points with a round-trip time of 20 ms: the controller never runs out of points, and the arm does not stop
+/// before the end.
 #[test]
 fn ten_thousand_points_run_without_a_stop() {
     let mut cell = Cell::ready(setup(Clock::Free), 0.15);
@@ -46,13 +46,13 @@ fn ten_thousand_points_run_without_a_stop() {
     }
     assert_eq!((cell.controller.underrun_count(), stood), (0, 0));
     assert!(cell.until(200, |report| *report == Report::PathDone { last }));
-    // Expected duration, calculated by hand: 10,000 · 3.015 mm at 150 mm/s are 201 s; corners are cut, and rows change
+    // Expected value, calculated by hand: 10,000 · 3.015 mm at 150 mm/s take 201 s. Corners are cut, and rows change
     // within 3 mm.
     let took_ms = cell.executed()[9_999].time_ms - cell.executed()[0].time_ms;
     assert!((190_000..206_000).contains(&took_ms), "{took_ms} ms");
 }
 
-/// A robot at a fifth of its speed is only late: all points are executed once, the queue never runs empty, and no time
+/// At a fifth of its speed the robot is only late: all points are executed once, the queue is never empty, and no time
 /// limit is exceeded.
 #[test]
 fn a_slow_robot_is_waited_for() {
@@ -64,12 +64,12 @@ fn a_slow_robot_is_waited_for() {
         (cell.executed().len(), cell.controller.underrun_count(), cell.controller.program_stops().len()),
         (60, 0, 0)
     );
-    // Calculated by hand: 57 steps and the ends at 30 mm/s take slightly more than 6 s.
+    // Expected value, calculated by hand: 57 steps and the ends at 30 mm/s take slightly more than 6 s.
     assert!(cell.now_ms > 6_000);
 }
 
-/// At a fiftieth of the robot's speed a point takes a second instead of 20 ms. In contact, the epoch is ended and the
-/// pad leaves the panel. In the air, the delay is reported and the client waits.
+/// At a fiftieth of its speed a point takes 1 s instead of 20 ms. In contact, the epoch is ended and the pad leaves the
+/// panel. In the air, the delay is reported and the client waits.
 #[test]
 fn a_robot_that_is_too_slow_in_contact_leaves_the_panel() {
     for in_contact in [true, false] {
@@ -89,7 +89,7 @@ fn a_robot_that_is_too_slow_in_contact_leaves_the_panel() {
     }
 }
 
-/// If the client is too slow in contact, the controller stops by itself, away from the panel.
+/// If the client is too slow in contact, the controller stops automatically, away from the panel.
 #[test]
 fn the_controller_does_not_wait_for_a_client_that_stalls_in_contact() {
     let mut cell = Cell::ready(setup(Clock::Free), 0.1);
@@ -102,8 +102,7 @@ fn the_controller_does_not_wait_for_a_client_that_stalls_in_contact() {
     assert!(super::cell::height_mm(&cell.controller) > 40.0);
 }
 
-/// If a `set_base` is lost, the arm would execute plausible but wrong lines. Therefore no line is sent, and the epoch
-/// ends.
+/// If a `set_base` were lost, the arm would execute plausible but wrong lines. No line is sent, and the epoch ends.
 #[test]
 fn no_line_follows_a_base_that_was_lost_or_is_wrong() {
     for fault in [Fault::LoseBase, Fault::WrongBase, Fault::LoseTool] {
@@ -132,8 +131,8 @@ fn no_line_follows_a_base_that_was_lost_or_is_wrong() {
     }
 }
 
-/// Counters of 32 bits overflow: a state's number continues from 0, while an exhausted epoch counter is an error and
-/// does not wrap.
+/// Counters of 32 bits end: the number of a state continues from 0; an epoch number at the end of its range is an error
+/// and does not continue from 0.
 #[test]
 fn a_states_number_continues_from_zero() {
     let mut cell = Cell::new(Setup { first_state: i32::MAX - 20, ..setup(Clock::Free) }, LinkLimits::default(), 1);

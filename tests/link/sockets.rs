@@ -1,5 +1,5 @@
-//! The link and the mock over loopback in real time, for behaviour that only sockets show. No test depends on the
-//! machine's speed beyond the link's own deadlines.
+//! Tests the client and the mock controller over loopback in real time, for behaviour that only sockets show. No test
+//! depends on the speed of the machine beyond the deadlines of the connection.
 
 use super::cell::{BASE, TOOL_OUTPUT, pass, sanding_tool, speed};
 use super::loopback::served;
@@ -40,8 +40,8 @@ fn path_done(link: &mut BlockingLink, last: CommandId) {
     });
 }
 
-/// 500 points of 20 ms each with 20 ms round trip, in fragmented messages: all are executed, the queue never runs
-/// empty, and the arm does not stop.
+/// 500 points of 20 ms each with a round-trip time of 20 ms, in fragmented messages: all are executed, the queue is
+/// never empty, and the arm does not stop.
 #[test]
 fn five_hundred_points_at_20_ms_round_trip_run_without_a_stop() {
     let (server, mut link) = served("seed=3,delay=10ms,fragment");
@@ -63,7 +63,7 @@ fn five_hundred_points_at_20_ms_round_trip_run_without_a_stop() {
     });
 }
 
-/// The cable is unplugged in contact: both ends stop by themselves, and the link reconnects by itself without
+/// The cable is unplugged in contact: both ends stop automatically, and the client reconnects automatically without
 /// moving the arm.
 #[test]
 fn a_half_open_connection_is_noticed_on_both_ends() {
@@ -78,7 +78,7 @@ fn a_half_open_connection_is_noticed_on_both_ends() {
         Report::LinkLost { why } => Some(why.clone()),
         _ => None,
     });
-    // The unanswered abort ends the connections before the time limit for silence does.
+    // The unanswered abort ends the connections before the time limit for silence.
     assert!(matches!(why, LinkLoss::AbortNotAnswered { waited_ms: 400..900 }), "{why}");
     wait(&mut link, |report| matches!(report, Report::Connected { .. }).then_some(()));
     let executed = server.handle().with_controller(|controller| {
@@ -94,8 +94,8 @@ fn a_half_open_connection_is_noticed_on_both_ends() {
     assert_eq!(link.send(speed(0.1)), Err(QueueError::NoEpoch));
 }
 
-/// A client that holds the link and reads no reports does not supervise the robot: the robot stops, with or without
-/// heartbeats.
+/// A client that keeps the connection but reads no reports does not supervise the robot: the robot stops, with or
+/// without heartbeats.
 #[test]
 fn a_link_that_is_not_read_ends_its_epoch() {
     let (server, mut link) = served("");

@@ -1,10 +1,10 @@
-//! Seeded random walks: a client that sends one path after another, with every possible fault on the way, in virtual
-//! time.
+//! Random walks from a seed, in virtual time: a client sends one path after another, while every possible fault is
+//! injected.
 //!
 //! A walk has at least 100 commands, 3 faults and 20 s. Steps without a fault are far more likely than faults, so that
-//! the walk reaches motion. At the end all faults are removed, and the link must reconnect and execute a path.
+//! the walk reaches motions. At the end all faults are removed, and the client must reconnect and execute a path.
 
-// The module is named by its path, because a bench includes this file by its own path.
+// The module is given by its path, because a bench includes this file by its own path.
 #[path = "walks/faults.rs"]
 mod faults;
 
@@ -36,11 +36,11 @@ const PROGRAM_COMMANDS: usize = 60;
 
 const PROGRAM_LENGTH_MS: u64 = 8_000;
 
-/// Time limit from the end of all faults to a connected link, an open epoch and an executed path, ms.
+/// Time limit from the end of all faults to a new connection, an open epoch and an executed path, ms.
 const RECOVERY_MS: u64 = 12_000;
 
-/// A rule or limit that is weakened to see that the walks notice it, and the programs that the controller executes
-/// in place of the model in Rust.
+/// A requirement or limit that is weakened to check that the walks detect this, and the programs that the controller
+/// executes instead of the model in Rust.
 #[derive(Debug, Clone, Default)]
 pub struct Weak {
     pub rule: Option<Rule>,
@@ -57,28 +57,28 @@ struct Walk {
     /// Time of the next fault.
     next_fault_ms: u64,
     mended: bool,
-    /// Time at which the foreign program is done and the cell's program is selected again.
+    /// Time at which the foreign program ends and the cell's program is selected again.
     home_at_ms: Option<u64>,
     /// Whether the controller executes the shipped programs.
     is_program: bool,
-    /// Whether a line receives outputs in each round.
+    /// Whether a production line receives outputs in each round.
     has_line: bool,
 }
 
-/// Outputs of a line, other than those that commands switch.
+/// Outputs for a production line; commands do not switch them.
 const LINE_OUTPUTS: [u16; 6] = [40, 41, 42, 43, 44, 45];
 
-/// Returns whether the walk has a line; its outputs disturb nothing.
+/// Returns whether the walk has a production line, whose outputs have no effect on the arm.
 fn has_line(seed: u64) -> bool {
     seed % 32 == 10
 }
 
-/// Runs one walk; the error states what was wrong.
+/// Runs one walk; the error describes the violated requirement.
 fn walk(seed: u64, weak: &Weak) -> Result<(), String> {
     walk_over(seed, weak).1
 }
 
-/// Runs one walk; returns the cell at its end, and what was wrong.
+/// Runs one walk; returns the cell at its end, and the violated requirement, if any.
 pub fn walk_over(seed: u64, weak: &Weak) -> (Cell, Result<(), String>) {
     let mut draw = Pcg64::seed_from_u64(seed);
     let is_program = weak.programs.is_some();
@@ -129,7 +129,7 @@ impl Walk {
         let end_ms = self.cell.now_ms + ms;
         while self.cell.now_ms < end_ms {
             if !self.mended && self.cell.now_ms >= self.next_fault_ms {
-                self.strike();
+                self.inject_fault();
             }
             let next_ms =
                 if self.mended { end_ms } else { end_ms.min(self.next_fault_ms.max(self.cell.now_ms + 1)) };
@@ -142,7 +142,7 @@ impl Walk {
         Ok(())
     }
 
-    /// Lets time pass until this is reported; returns false if it was not.
+    /// Advances the time until a matching report arrives; returns false if none arrived in time.
     fn until(&mut self, patience_ms: u64, found: impl Fn(&Report) -> bool) -> Result<bool, String> {
         let end_ms = self.cell.now_ms + patience_ms;
         loop {
@@ -158,7 +158,7 @@ impl Walk {
         }
     }
 
-    /// Opens an epoch and sends a path in it, as far as the faults allow.
+    /// Opens an epoch and sends a path, as far as the faults allow.
     fn round(&mut self) -> Result<(), String> {
         match self.cell.session.open_epoch() {
             Ok(_) => {}
@@ -232,7 +232,7 @@ impl Walk {
         self.pass_time(pause_ms)
     }
 
-    /// Gives some lines a speed of their own, and makes some lines in the air stop exactly.
+    /// Gives some lines a separate speed, and makes some lines in the air stop exactly.
     fn vary(&mut self, points: &mut [MoveLin], speed_m_s: f64) {
         for point in points {
             point.speed_m_s = self.draw.random_bool(0.2).then_some(speed_m_s);
@@ -243,7 +243,7 @@ impl Walk {
     }
 
     fn queue(&mut self, command: Command) {
-        // Refused if something has just failed; the next round begins anew.
+        // The command is refused if something has just failed; the next round begins again.
         self.commands += usize::from(self.cell.session.queue(command).is_ok());
     }
 
@@ -256,14 +256,14 @@ impl Walk {
         Some(last)
     }
 
-    /// Removes all faults: the link must reconnect and execute a path.
+    /// Removes all faults: the client must reconnect and execute a path.
     fn recover(&mut self) -> Result<(), String> {
         self.mended = true;
         self.cell.controller.set_start_key(false);
         self.pass_time(4_000)?;
         let end_ms = self.cell.now_ms + RECOVERY_MS;
         while self.cell.now_ms < end_ms {
-            // A fault that was set for the next base or command may still strike once.
+            // A fault that was set for the next base or command may still occur once.
             if self.cell.session.open_epoch().is_err() {
                 let _ = self.cell.session.abort();
                 self.pass_time(100)?;
@@ -296,15 +296,15 @@ fn first_violation(seeds: u64, weak: &Weak) -> Option<(u64, String)> {
 }
 
 #[test]
-fn no_walk_violates_a_rule() {
+fn no_walk_violates_a_requirement() {
     let walks = std::env::var("LINK_WALKS").map_or(WALKS, |walks| walks.parse().expect("a number of walks"));
     let found = first_violation(walks, &Weak::default());
     assert_eq!(found, None);
 }
 
-/// Each rule that is removed from the controller or the client is detected within four hundred walks.
+/// Each requirement that is removed from the controller or the client is detected within four hundred walks.
 #[test]
-fn a_missing_rule_turns_a_walk_red() {
+fn a_missing_requirement_makes_a_walk_fail() {
     let of = |rule| Weak { rule: Some(rule), ..Weak::default() };
     let patient = LinkLimits { watchdog: Duration::from_secs(3_600), ..LinkLimits::default() };
     let greedy = LinkLimits { window: Duration::from_secs(60), window_commands: 1_000, ..LinkLimits::default() };

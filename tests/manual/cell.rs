@@ -1,6 +1,6 @@
-//! A cell whose devices are reached only over their real interfaces. The controller is reached by EthernetKRL and
+//! A cell whose devices are used only over their real interfaces. The controller is connected by EthernetKRL and
 //! executes its own programs. The camera on the flange uses GigE Vision over the loopback interface, and the scanner
-//! uses the tests' Zivid library, which emulates a camera. The pictures of both come from `scenery`.
+//! uses the tests' Zivid library, which emulates a camera. The pictures of both are rendered by `scenery`.
 
 use super::scenery::{CellContents, Flicker, REDUCTION, SEED, Scenery};
 use panelprep::cell;
@@ -21,7 +21,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 pub const SERIAL: &str = "MANUAL1";
 pub const PORTS: [u16; 2] = [54_604, 54_605];
-/// The controller's terminals: every world receives the switched outputs, and the world with the panel answers.
+/// The terminals of the controller: every world receives the switched outputs, and the world with the panel sets the
+/// inputs.
 struct Wired {
     terminals: Vec<Box<dyn World>>,
     answers: Shared<AtomicUsize>,
@@ -47,7 +48,7 @@ pub struct Cell {
 }
 
 impl Cell {
-    /// Starts the cell's cameras; if this machine cannot run them, returns the reason.
+    /// Starts the cameras of the cell; if this machine cannot run them, returns the reason.
     pub fn new(folder: &Path) -> Result<Self, String> {
         let scenery = Shared::new(Scenery::new());
         let camera = scenery.boards.flange_camera();
@@ -132,21 +133,21 @@ impl Cell {
         assert!(self.handle().with_controller(|arm| arm.jog_to(joints)), "the arm stands");
     }
 
-    /// Brings the camera on the flange to the taught corner, as a person does.
+    /// Jogs the camera on the flange to the taught corner, as a person does.
     pub fn jog_to_corner(&self, index: usize) {
         self.jog(&self.scenery.nominal.corner_views()[index].base_from_flange);
     }
 
-    /// Returns the pose from which the arm sees the board of the verification.
+    /// Returns the pose from which the camera views the verification board.
     pub fn verify_pose(&self) -> Joints {
         joints_at(&self.scenery.nominal.flange_target().base_from_flange).expect("within reach")
     }
 
-    /// Touches an inner corner of the verification's board with the tool's tip, as a person does.
+    /// Touches an inner corner of the verification board with the tool's tip, as a person does.
     pub fn touch_corner(&self, column: usize, row: usize) {
         let board = self.scenery.targets.print();
         let corner = board.corners()[row * 5 + column];
-        self.jog(&held_at(self.scenery.base_from_targets[0] * corner, [0.0; 3], TOOL_LENGTH_MM));
+        self.jog(&flange_for_tip_at(self.scenery.base_from_targets[0] * corner, [0.0; 3], TOOL_LENGTH_MM));
     }
 
     /// Moves the tip, or a mark behind the tip, to the spot, as a person does.
@@ -160,24 +161,25 @@ impl Cell {
             [-20.0, -20.0, -60.0],
         ];
         let out_mm = if is_mark { TOOL_LENGTH_MM - 60.0 } else { TOOL_LENGTH_MM };
-        self.jog(&held_at(Point::at(520.0, 30.0, 250.0), TURNS_DEG[number % 6], out_mm));
+        self.jog(&flange_for_tip_at(Point::at(520.0, 30.0, 250.0), TURNS_DEG[number % 6], out_mm));
     }
 
-    /// Returns the region's corners in the taught scan, and its rows and columns, as a person draws them.
+    /// Returns the corners of the region in the picture of the taught scan, and its rows and columns, as a person draws
+    /// them.
     pub fn region(&self) -> sim::Region {
         self.scenery.nominal.region()
     }
 
-    /// Returns the ground truth of the greasy panel, the executed motions, and the number of its greasy spots that
-    /// are left.
-    pub fn greasy(&self) -> (CellTruth, Vec<ContactSample>, usize) {
+    /// Returns the ground truth of the greasy panel, the executed motions, and the number of its remaining greasy
+    /// spots.
+    pub fn greasy_panel_state(&self) -> (CellTruth, Vec<ContactSample>, usize) {
         let (handle, worlds) = self.scenery.arm.get().expect("the controller runs");
         let trace = handle.with_controller(|arm| arm.trace().to_vec());
         (worlds[0].truth().clone(), trace, worlds[0].greasy_spots().len())
     }
 
-    /// Returns the forbidden actions that happened. A scanner that is opened takes a first shot with any light on;
-    /// that shot is not used.
+    /// Returns the forbidden actions that occurred. When a scanner is opened, it takes a first shot with any light on;
+    /// this shot is not used.
     pub fn violations(&self) -> String {
         let (_, worlds) = self.scenery.arm.get().expect("the controller runs");
         let all = worlds.iter().flat_map(SimulatedWorld::violations);
@@ -185,15 +187,15 @@ impl Cell {
     }
 }
 
-/// Returns joints that bring the flange to this pose.
+/// Returns axis positions that bring the flange to this pose.
 fn joints_at(base_from_flange: &Rigid<Base, Flange>) -> Option<Joints> {
     let arm = Kinematics::new(cell::Cell::check("", "").expect("an arm").arm());
     reach::postures(&arm, base_from_flange, Point::at(0.0, 0.0, 0.0)).into_iter().next()
 }
 
-/// Returns the flange's pose when a tool of this length has its tip at a point, with the tool's axis turned from
-/// straight down.
-fn held_at(place: Point<Base>, turn_deg: [f64; 3], out_mm: f64) -> Rigid<Base, Flange> {
+/// Returns the pose of the flange at which a tool of this length has its tip at a point, with the tool's axis rotated
+/// from straight down.
+fn flange_for_tip_at(place: Point<Base>, turn_deg: [f64; 3], out_mm: f64) -> Rigid<Base, Flange> {
     use nalgebra::{Isometry3, UnitQuaternion, Vector3};
     let down = UnitQuaternion::from_scaled_axis(Vector3::new(std::f64::consts::PI, 0.0, 0.0));
     let turn = UnitQuaternion::from_scaled_axis(Vector3::from(turn_deg.map(f64::to_radians)));

@@ -13,13 +13,13 @@ const OF_THE_SYSTEM: [&str; 4] = ["/etc/", "/usr/share/", "/var/", "/run/"];
 /// The computer.
 pub struct Computer {
     pub root: PathBuf,
-    /// The folder in which the person works; `exported` has the exported environment variables.
+    /// The folder in which the person works; `exported` contains the exported environment variables.
     pub works_in: PathBuf,
     pub exported: Vec<(String, String)>,
 }
 
 impl Computer {
-    /// Makes a computer with the package's files.
+    /// Creates a computer with the package's files.
     pub fn new(root: &Path) -> Self {
         let home = Path::new(env!("CARGO_MANIFEST_DIR"));
         let table: toml::Table =
@@ -50,8 +50,8 @@ impl Computer {
         computer
     }
 
-    /// Returns the text with this computer's folders, its controller's address, and shorter waiting times.
-    pub fn here(&self, text: &str) -> String {
+    /// Returns the text with the folders of this computer, the address of its controller, and shorter waiting times.
+    pub fn adapted_text(&self, text: &str) -> String {
         let root = self.root.display().to_string();
         let folders = OF_THE_SYSTEM.iter().fold(text.to_owned(), |text, folder| {
             [" ", "=", "\""].iter().fold(text, |text, before| {
@@ -62,7 +62,7 @@ impl Computer {
     }
 
     /// Returns a shell command for a line, as a person types it.
-    pub fn shell(&self, line: &str) -> Command {
+    pub fn shell_command(&self, line: &str) -> Command {
         let mut command = Command::new("sh");
         let path = format!("{0}/bin:{0}/usr/bin:{1}", self.root.display(), env!("PATH"));
         command.args(["-c", line]).current_dir(&self.works_in).env("PATH", path);
@@ -74,7 +74,7 @@ impl Computer {
         let unit =
             fs::read_to_string(self.root.join("usr/lib/systemd/system/panelprep.service")).expect("the unit");
         let starts = unit.lines().find_map(|line| line.strip_prefix("ExecStart=/usr/bin/")).expect("it starts");
-        let starts = self.here(starts);
+        let starts = self.adapted_text(starts);
         let root = self.root.display();
         let group = fs::read_to_string(self.root.join("usr/lib/sysusers.d/panelprep.conf")).expect("its users");
         assert!(group.lines().any(|line| line.starts_with("u panelprep ")), "the package makes the group");
@@ -101,8 +101,7 @@ impl Computer {
     }
 }
 
-/// Returns a script that starts the unit's own command line, waits until the service answers, and ends it by
-/// SIGTERM.
+/// Returns a script that starts the command line of the unit, waits until the service answers, and ends it by SIGTERM.
 fn systemctl(root: &str, starts: &str) -> String {
     format!(
         "[ \"$1\" = daemon-reload ] && exit 0\n\
@@ -124,7 +123,7 @@ fn systemctl(root: &str, starts: &str) -> String {
     )
 }
 
-/// Copies the files of a folder whose names end with this.
+/// Copies the files of a folder whose names end with this text.
 fn copy_files(from: &Path, to: &Path, ending: &str) {
     fs::create_dir_all(to).expect("a folder");
     for entry in fs::read_dir(from).unwrap_or_else(|error| panic!("{}: {error}", from.display())) {
@@ -138,6 +137,6 @@ fn copy_files(from: &Path, to: &Path, ending: &str) {
 
 impl Drop for Computer {
     fn drop(&mut self) {
-        let _ = self.shell("systemctl stop panelprep").status();
+        let _ = self.shell_command("systemctl stop panelprep").status();
     }
 }

@@ -1,11 +1,11 @@
-//! The page of messages has a row for each code that the program gives as a reason.
+//! Tests that the message page of the manual has a row for each reason code of the program.
 
 use super::pages;
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Returns the codes of the page; panics if a row is wrong.
+/// Returns the codes of the page; panics if a row is not valid.
 fn rows(text: &str) -> BTreeSet<String> {
     let mut codes = BTreeSet::new();
     for line in text.lines().filter(|line| line.starts_with("| `")) {
@@ -31,22 +31,22 @@ fn sources(folder: &Path, found: &mut Vec<PathBuf>) {
 }
 
 /// Returns the quoted word at the start of a text if it can be a code: lower case letters and underscores.
-fn word(text: &str) -> Option<String> {
+fn leading_code(text: &str) -> Option<String> {
     let word = text.trim_start().strip_prefix('"')?.split('"').next()?;
     let is_word = !word.is_empty() && word.chars().all(|c| c.is_ascii_lowercase() || c == '_');
     is_word.then(|| word.to_owned())
 }
 
 /// Returns the part of a text from these words to the end of their function.
-fn function<'t>(text: &'t str, begins: &str) -> &'t str {
+fn function_text<'t>(text: &'t str, begins: &str) -> &'t str {
     let rest = text.split(begins).nth(1).unwrap_or_default();
     let indent = text.split(begins).next().map_or(0, |before| before.len() - before.trim_end_matches(' ').len());
     rest.split(&format!("\n{}}}", " ".repeat(indent))).next().unwrap_or_default()
 }
 
-/// Returns the results of the arms of a match expression, if they begin with a word.
-fn arms(text: &str) -> impl Iterator<Item = String> {
-    text.split("=>").skip(1).filter_map(|arm| word(arm.trim_start_matches(['{', '(', ' ', '\n'])))
+/// Returns the results of the arms of a match expression, if they begin with a quoted word.
+fn match_results(text: &str) -> impl Iterator<Item = String> {
+    text.split("=>").skip(1).filter_map(|arm| leading_code(arm.trim_start_matches(['{', '(', ' ', '\n'])))
 }
 
 /// Tables that assign a code to a cause: the file, and the function with the table.
@@ -73,7 +73,7 @@ const CALLS: [(&str, &str); 12] = [
     (".rs", ".broken("),
 ];
 
-/// Returns the codes that a file names: after the calls that make a reason, and in the tables.
+/// Returns the codes in a file: the arguments of calls that create a reason, and the codes in the tables.
 fn codes(path: &Path, text: &str) -> BTreeSet<String> {
     let text = text.split("#[cfg(test)]\nmod tests {").next().unwrap_or_default();
     let name = path.display().to_string();
@@ -81,7 +81,7 @@ fn codes(path: &Path, text: &str) -> BTreeSet<String> {
     // A call over several lines is read as one line.
     let on_one_line = text.split_whitespace().collect::<Vec<_>>().join(" ");
     let called = CALLS.iter().filter(|(file, _)| of(file)).flat_map(|(file, call)| {
-        // If the code is not the first argument, it is the first argument that is a word.
+        // If the first argument is not a code, the first argument that is a quoted word is used.
         let most = match *call {
             ".broken(" => 4,
             _ if *file == ".rs" => 1,
@@ -90,12 +90,12 @@ fn codes(path: &Path, text: &str) -> BTreeSet<String> {
         let rests: Vec<String> = on_one_line.split(call).skip(1).map(str::to_owned).collect();
         rests.into_iter().filter_map(move |rest| rest.split(", ").take(most).find_map(word))
     });
-    let given = TABLES.iter().filter(|(file, _)| of(file)).flat_map(|(_, table)| arms(function(text, table)));
-    let flaws = if of(&"inspect/quality.rs") { function(text, "pub fn word(") } else { "" };
-    called.chain(given).chain(arms(flaws)).collect()
+    let given = TABLES.iter().filter(|(file, _)| of(file)).flat_map(|(_, table)| match_results(function_text(text, table)));
+    let flaws = if of(&"inspect/quality.rs") { function_text(text, "pub fn word(") } else { "" };
+    called.chain(given).chain(match_results(flaws)).collect()
 }
 
-/// Every code in the sources has its row, and every row has a code that the program gives.
+/// Every code in the sources has a row, and every row has a code that the program uses.
 #[test]
 fn every_code_has_a_row_in_the_manual() {
     let page = rows(&fs::read_to_string(pages::folder().join("messages.md")).expect("the page"));
@@ -108,7 +108,7 @@ fn every_code_has_a_row_in_the_manual() {
     assert!(named.len() > 140, "{}", named.len());
     let without: Vec<&String> = named.difference(&page).collect();
     assert!(without.is_empty(), "no row in messages.md: {without:?}");
-    // The table of priorities lists codes but does not give them as reasons.
+    // The table of priorities lists codes but does not use them as reasons.
     let giving = texts.iter().filter(|(path, _)| !path.ends_with("history/codes.rs"));
     let all: String = giving.map(|(_, text)| text.as_str()).collect();
     let unknown: Vec<&String> = page.iter().filter(|code| !all.contains(&format!("\"{code}\""))).collect();

@@ -1,6 +1,6 @@
-//! The manual, followed by a person who has only the package: every command of every page in its order, in one cell.
-//! Its cameras and controller are reached only over their real interfaces. At its end a greasy panel was found,
-//! abraded and passed, and the tool was at its required position.
+//! Follows the manual as a person who has only the package: every command of every page in its order, in one cell. The
+//! cameras and the controller are used only over their real interfaces. At the end a greasy panel was detected, sanded
+//! and passed, and the tool was at its required position.
 
 mod cell;
 mod installed;
@@ -11,7 +11,7 @@ mod proofs;
 mod scenery;
 
 use super::goal::Figure;
-use super::walk::fit_for_people;
+use super::walk::check_readable;
 use crate::zivid::stub;
 use cell::Cell;
 use installed::Computer;
@@ -25,9 +25,9 @@ use std::path::Path;
 use std::process::{Output, Stdio};
 use std::time::{Duration, Instant};
 
-/// Limit for the distance of the tool's tip from the true surface, mm, as `make bench-seeds` has it for a cycle.
+/// Maximum distance of the tool's tip from the true surface, mm, as in `make bench-seeds` for a cycle.
 const SURFACE_MAX_MM: f64 = 1.0;
-/// Commands whose exit code may report a result that is not good yet.
+/// Commands whose exit code may report a verdict that is not accept.
 const MAY_FIND_FAULT: [&str; 8] = [
     "panelprep doctor",
     "panelprep tune",
@@ -38,7 +38,7 @@ const MAY_FIND_FAULT: [&str; 8] = [
     "panelprep calibrate tcp",
     "panelprep shoot",
 ];
-/// Time for which a refused command is repeated while something settles.
+/// Time for which a refused command is repeated, because the cell may not be ready yet.
 const RETRY_TIMEOUT: Duration = Duration::from_secs(60);
 
 struct Walk {
@@ -83,13 +83,13 @@ fn the_manual_leads_from_the_package_to_a_cell_in_daily_work() {
             }
         }
     }
-    walk.proven();
+    walk.compare_with_truth();
 }
 
 impl Walk {
     fn types(&mut self, page: &str, line: &str) {
         let began = Instant::now();
-        let here = self.computer.here(line);
+        let here = self.computer.adapted_text(line);
         if let Some(folder) = here.strip_prefix("cd ") {
             self.computer.works_in = Path::new(folder).to_owned();
             return;
@@ -99,7 +99,7 @@ impl Walk {
         }
         if let Some(beside) = here.strip_suffix(" &") {
             let child =
-                self.computer.shell(&format!("exec {beside}")).stdin(Stdio::null()).spawn().expect("a shell");
+                self.computer.shell_command(&format!("exec {beside}")).stdin(Stdio::null()).spawn().expect("a shell");
             return self.beside.push((line.to_owned(), child));
         }
         if line == "wait" {
@@ -112,8 +112,8 @@ impl Walk {
             self.cell.jog_to_board();
         }
         let output = loop {
-            let output = self.answered(&here);
-            // The robot's link may not be connected yet, or a reset may still be in progress.
+            let output = self.run_with_answers(&here);
+            // The robot may not be connected yet, or a reset may still be in progress.
             let may_settle = line.starts_with("panelprep ctl") && !line.contains(" start ")
                 || line.starts_with("panelprep robot set-out spray");
             if output.status.success() || !may_settle || began.elapsed() > RETRY_TIMEOUT {
@@ -133,17 +133,17 @@ impl Walk {
             ["review", "warning", "WRONG"].iter().any(|word| texts.iter().any(|text| text.contains(word)));
         assert!(output.status.success() || is_review, "neither good nor for a person to look at: {reported}");
         if line.starts_with("panelprep") {
-            texts.iter().for_each(|text| fit_for_people(line, text));
+            texts.iter().for_each(|text| check_readable(line, text));
         }
         eprintln!("{:6.1} s  {line}", began.elapsed().as_secs_f64());
         if std::env::var_os("MANUAL_TELLS").is_some() {
             eprintln!("{}{}", texts[0], texts[1]);
         }
-        self.after(line);
+        self.make_edits_after(line);
     }
 
     /// Makes the edits that the person makes after a command.
-    fn after(&mut self, line: &str) {
+    fn make_edits_after(&mut self, line: &str) {
         let etc = self.computer.root.join("etc/panelprep");
         if line.starts_with("panelprep new cell") {
             let file = etc.join("cell.toml");
@@ -158,8 +158,8 @@ impl Walk {
     }
 
     /// Runs a command and lets the person answer its questions.
-    fn answered(&self, line: &str) -> Output {
-        let mut child = self.computer.shell(line);
+    fn run_with_answers(&self, line: &str) -> Output {
+        let mut child = self.computer.shell_command(line);
         let mut child =
             child.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("a shell");
         let mut stdin = child.stdin.take();
@@ -181,7 +181,7 @@ impl Walk {
             if let (Some(answer), Some(stdin)) =
                 (person::answer(&self.cell, &store, &whole, &mut asked), stdin.as_mut())
             {
-                // The program that asked may have continued.
+                // The program may have continued without the answer.
                 let _ = stdin.write_all(answer.as_bytes());
             }
         }
@@ -193,7 +193,7 @@ impl Walk {
     fn begin_cycle(&self) {
         self.cell.put(CellContents::Panel(1));
         let began = Instant::now();
-        let done = |line: &str| self.computer.shell(&self.computer.here(line)).output().expect("a shell");
+        let done = |line: &str| self.computer.shell_command(&self.computer.adapted_text(line)).output().expect("a shell");
         let recipe = "panelprep ctl start --recipe /etc/panelprep/door.toml";
         for line in ["panelprep ctl reset --wait", recipe] {
             while !done(line).status.success() {
@@ -207,9 +207,9 @@ impl Walk {
         }
     }
 
-    /// Compares the result with the truth.
-    fn proven(&self) {
-        let (truth, trace, greasy) = self.cell.greasy();
+    /// Compares the result with the ground truth.
+    fn compare_with_truth(&self) {
+        let (truth, trace, greasy) = self.cell.greasy_panel_state();
         let errors = contact_errors(&trace, &truth).expect("the greasy panel was abraded");
         eprintln!(
             "in contact: {} samples, the tip {:.3} mm from the true surface at most, the tool's axis {:.2}° from its normal",
@@ -221,7 +221,7 @@ impl Walk {
             errors.surface_max_mm < SURFACE_MAX_MM,
         );
         assert!(errors.surface_max_mm < SURFACE_MAX_MM, "{errors:?}");
-        // Spots smaller than the recipe's smallest break may remain.
+        // Spots smaller than the recipe's minimum break area may remain.
         let spots = truth.spots.len();
         eprintln!("of {spots} greasy spots {greasy} are left, each smaller than the smallest break that counts");
         assert!(2 * greasy < spots, "{greasy} of {spots} spots are still greasy");

@@ -1,4 +1,4 @@
-//! The manual's pages as steps: commands as they are typed, and the contents of the cell for them.
+//! The pages of the manual as steps: commands as they are typed, and the required contents of the cell.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 /// A step in a page of the manual.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Step {
-    /// `<!-- cell: … -->`: the contents that a person has put into the cell.
+    /// `<!-- cell: … -->`: the objects that a person has put into the cell.
     Cell(String),
     /// A line of a block of commands.
     Command(String),
@@ -76,9 +76,9 @@ fn every_page_link_and_picture_exists() {
     }
 }
 
-/// Returns the error of a command line: a command, an option or a value that the program does not have.
-/// Placeholders count as values.
-fn wrong(line: &str, program: &clap::Command) -> Option<String> {
+/// Returns the error in a command line: a command, an option or a value that the program does not have. Placeholders
+/// are treated as values.
+fn command_error(line: &str, program: &clap::Command) -> Option<String> {
     let mut words = line.split_whitespace().skip(1).peekable();
     let mut command = program;
     while let Some(inner) = words.peek().and_then(|word| command.find_subcommand(word)) {
@@ -112,17 +112,16 @@ fn wrong(line: &str, program: &clap::Command) -> Option<String> {
     None
 }
 
-/// Every command that a page names, also in the middle of a sentence, is a command of the program, with valid
-/// options.
+/// Every command that a page names, also in the middle of a sentence, is a command of the program with valid options.
 #[test]
 fn the_pages_name_only_existing_commands() {
     use clap::CommandFactory as _;
     let program = panelprep::cli::args::Arguments::command();
-    assert!(wrong("panelprep calibrate verify --camera scanner --target FILE", &program).is_none());
-    assert!(wrong("panelprep calibrate verify --camera eyes", &program).is_some());
+    assert!(command_error("panelprep calibrate verify --camera scanner --target FILE", &program).is_none());
+    assert!(command_error("panelprep calibrate verify --camera eyes", &program).is_some());
     assert!(
-        wrong("panelprep calibrate very", &program).is_some()
-            && wrong("panelprep shoot --fast", &program).is_some()
+        command_error("panelprep calibrate very", &program).is_some()
+            && command_error("panelprep shoot --fast", &program).is_some()
     );
     let (mut seen, mut found) = (0, Vec::new());
     for name in names().iter().map(String::as_str).chain(["README.md", "../trial.md", "../kuka/README.md"]) {
@@ -134,7 +133,7 @@ fn the_pages_name_only_existing_commands() {
         let named = text.split('`').filter(|span| span.starts_with("panelprep ")).map(str::to_owned);
         for line in typed.filter(|line| line.starts_with("panelprep ")).chain(named) {
             seen += 1;
-            found.extend(wrong(&line, &program).map(|problem| format!("{name}: {line}: {problem}")));
+            found.extend(command_error(&line, &program).map(|problem| format!("{name}: {line}: {problem}")));
         }
     }
     assert!(seen > 200 && found.is_empty(), "{seen}: {found:#?}");

@@ -1,5 +1,5 @@
-//! The person who follows the manual: answers the program's questions at the terminal, jogs the arm, draws on the
-//! page, and edits the two files that the manual names.
+//! The person who follows the manual: answers the program's questions at the terminal, jogs the arm, draws on the page,
+//! and edits the two files that the manual names.
 
 use super::cell::{Cell, PORTS, SERIAL};
 use crate::teach_page;
@@ -8,13 +8,13 @@ use std::fs;
 use std::path::Path;
 use toml_edit::{Array, DocumentMut, Item, Table, value};
 
-/// The arm's park pose, and the allowed box of its tool's tip.
+/// The arm's park pose, degrees, and below it the ready pose and the permitted box of the tool's tip.
 const PARK_DEG: &str = "-120,-75,110,0,55,90";
 const READY_DEG: [f64; 6] = [0.0, -120.0, 145.0, 0.0, -25.0, 90.0];
 const BOX_MM: [&str; 2] = ["100,-450,50", "700,450,900"];
 
-/// Returns the person's answer to a line of the program, if there is one; `asked` counts the earlier answers to
-/// this command.
+/// Returns the person's answer to a line of the program, if there is one; `asked` counts the earlier answers to this
+/// command.
 pub fn answer(cell: &Cell, store: &Path, line: &str, asked: &mut usize) -> Option<String> {
     let words = |words: &str| Some(format!("{words}\n"));
     let number = *asked;
@@ -69,7 +69,7 @@ fn numbered(line: &str) -> Option<usize> {
     line.split_once("Press Enter for pose ")?.1.split(' ').next()?.parse().ok()
 }
 
-/// Draws on the page as a person does: the region's corners, fewer grids, save, done.
+/// Draws on the page as a person does: corners of the region, fewer grids, save, done.
 fn draw(cell: &Cell, url: &str) {
     let url = url.trim_end_matches('.').to_owned();
     let region = cell.region();
@@ -84,7 +84,7 @@ fn draw(cell: &Cell, url: &str) {
     ask(&url, "POST", "done", "");
 }
 
-/// Sends a request to the page; returns the body of the answer, which must be good.
+/// Sends a request to the page; returns the body of the response, which must be a success.
 fn ask(url: &str, method: &str, page: &str, body: &str) -> String {
     let answer = teach_page::ask(url, method, page, body);
     assert!(answer.starts_with("HTTP/1.1 200"), "{answer}");
@@ -97,7 +97,7 @@ fn edited(file: &Path, edit: impl FnOnce(&mut DocumentMut)) {
     fs::write(file, document.to_string()).expect("written");
 }
 
-/// Edits the cell's file with this cell's numbers, as the manual requires.
+/// Edits the cell's file with the values of this cell, as the manual requires.
 pub fn edit_cell(file: &Path, verify: Joints) {
     edited(file, |cell| {
         let pose = |degrees: [f64; 6]| {
@@ -115,7 +115,8 @@ pub fn edit_cell(file: &Path, verify: Joints) {
     });
 }
 
-/// Sets a film and an abrasion that take less time than a real panel's, and the search box of the simulated panel.
+/// Sets a film and a sanding pass that take less time than those of a real panel, and the search box of the simulated
+/// panel.
 pub fn edit_recipe(file: &Path) {
     edited(file, |recipe| {
         recipe["process"]["observation_s"] = value(8.0);

@@ -1,4 +1,4 @@
-//! The order of the manual and its numbers follow from the list of proofs on the controller's page.
+//! Tests that the order and the values in the manual agree with the list of acceptance tests on the controller's page.
 
 use super::pages;
 use std::fs;
@@ -7,12 +7,12 @@ fn page(name: &str) -> String {
     fs::read_to_string(pages::folder().join(name)).expect("a page")
 }
 
-/// Returns the place of these words: the page's position in the manual, and the byte in the page.
+/// Returns the position of these words: the number of the page in the manual, and the byte in the page.
 fn place(words: &str) -> Option<(usize, usize)> {
     pages::names().iter().enumerate().find_map(|(at, name)| Some((at, page(name).find(words)?)))
 }
 
-/// Returns what is wrong with the order: each step must follow the one before it, so that no step needs a later one.
+/// Returns the steps that are not in order: each step must follow the previous one, so that no step needs a later step.
 fn out_of_order(steps: &[&str]) -> Vec<String> {
     // The safety concept comes before the work, and names what is done later.
     let pairs = steps.windows(2).map(|two| ((two[0], place(two[0])), (two[1], place(two[1]))));
@@ -45,14 +45,14 @@ fn the_manual_follows_the_stages_of_the_proofs() {
     assert!(!page("cameras.md").contains("AUT"));
 }
 
-/// Returns a number of the controller's files, as it is stated there.
+/// Returns a constant from the controller's files.
 fn stated(text: &str, name: &str) -> f64 {
     let rest = text.split(&format!("{name}=")).nth(1).expect(name);
     rest.lines().next().expect("a line").trim().parse().expect("a number")
 }
 
-/// By hand: 100 + 400 + 12 = 512; 50 mm at 200 mm/s are 250 ms, and 0.2 m/s at 2 m/s² are 100 ms more; 512 + 260 + 350 =
-/// 1122.
+/// Expected values, calculated by hand: 100 + 400 + 12 = 512. 50 mm at 200 mm/s take 250 ms, and acceleration at 2 m/s²
+/// to 0.2 m/s adds 100 ms. 512 + 260 + 350 = 1122.
 #[test]
 fn the_worst_case_of_abort_is_the_sum_of_its_parts() {
     let (data, config) = (page("../kuka/cell_data.dat"), page("../kuka/cell_config.dat"));

@@ -1,4 +1,4 @@
-//! The contents of the cell of the manual, and the pictures of its cameras, rendered from the arm's present pose.
+//! The objects in the cell of the manual, and the pictures of its cameras, rendered from the arm's present pose.
 
 use panelprep::devices::cameras::{
     Arm, FlangeCamera as _, Scanner as _, SimulatedFlangeCamera, SimulatedScanner, simulated_cameras,
@@ -18,7 +18,7 @@ use std::sync::{Mutex, OnceLock};
 pub const REDUCTION: usize = 2;
 /// Random seed for the simulated panel, its grease and its poses.
 pub const SEED: u64 = 3;
-/// Error of the robot if the board or the camera is on it.
+/// Pose error of a robot with the board or the camera on it: none.
 const EXACT: RobotNoise = RobotNoise { shift_mm: 0.0, turn_deg: 0.0 };
 const SCAN_NOISE_MM: f64 = 0.05;
 const LENS_PICTURES: usize = 80;
@@ -32,7 +32,7 @@ pub enum CellContents {
     BoardLies,
     Target,
     Nominal,
-    /// A panel at its pose of the day; the number is its index among the worlds.
+    /// A panel at its present pose; the number is its index among the worlds.
     Panel(usize),
 }
 
@@ -55,7 +55,7 @@ impl CellContents {
     }
 }
 
-/// The objects that the cameras see.
+/// The objects in the view of the cameras.
 pub struct Scenery {
     pub stands: Mutex<CellContents>,
     taken: AtomicU64,
@@ -65,12 +65,12 @@ pub struct Scenery {
     lens_flange: Vec<BoardShot<FlangeCamera>>,
     pub targets: BoardCell,
     pub base_from_targets: [Rigid<Base, Board>; 2],
-    /// Set once the cell's file exists.
+    /// Set when the cell's file exists.
     pub arm: OnceLock<(MockHandle, [SimulatedWorld; 2])>,
 }
 
 impl Scenery {
-    /// Returns the scenery before there is a cell's file: it has no arm yet.
+    /// Creates the scenery before the cell's file exists: it has no arm yet.
     pub fn new() -> Self {
         let nominal = sim::Cell::new(SEED, Scene::Good, REDUCTION);
         let of = |print: BoardPrint| BoardCell::new(SEED, print, EXACT).with_reduction(REDUCTION);
@@ -96,7 +96,7 @@ impl Scenery {
         *self.stands.lock().expect("no thread failed")
     }
 
-    /// Returns the flange's pose, unless the flange moves.
+    /// Returns the pose of the flange, if the flange is stationary.
     fn flange(&self) -> Option<Rigid<Base, Flange>> {
         let (handle, _) = self.arm.get()?;
         handle.with_controller(|arm| (!arm.is_moving()).then(|| arm.flange_pose()))
@@ -173,7 +173,7 @@ impl Scenery {
         }
     }
 
-    /// Makes one exposure for the emulated camera. If nothing can be seen, the connection ends and the camera fails.
+    /// Renders one exposure for the emulated camera. If no object is visible, the connection ends and the camera fails.
     pub fn answer(&self, mut asked: UnixStream) {
         let mut wish = [0; 3];
         if asked.read_exact(&mut wish).is_err() {
@@ -203,7 +203,7 @@ impl Scenery {
     }
 }
 
-/// Makes each exposure of a sensor different: a grey level more at some pixels.
+/// Makes each exposure of a sensor different: one grey level more at some pixels.
 pub struct Flicker(pub u64);
 
 impl Flicker {

@@ -1,21 +1,21 @@
-//! Contradictions to a record: another one in its place, a change in the database, garbage. Each is reported, and
-//! replaces nothing.
+//! Tests contradictions to a record: another record with its number, a change in the database, invalid messages. Each
+//! is reported, and none replaces the record.
 
 use super::offices::{Cell, Plant, TIMEOUT, publish, runtime, sql};
 use panelprep::cell::CellName;
 use panelprep::office::{Body, Chunk, ChunkOwner, Message, Position, chunks};
 use std::time::{Duration, Instant};
 
-/// Another cell under the same name, a record that a person changes in the database, and garbage: each is reported,
-/// none replaces anything.
+/// Another cell with the same name, a record that a person changes in the database, and invalid messages: each is
+/// reported, and none replaces a record.
 #[test]
 fn contradictions_changes_and_garbage_are_reported_and_replace_nothing() {
     let Some(plant) = Plant::start() else { return };
     let mut cell = Cell::new();
     cell.send(plant.office("cell-1"));
     cell.cycles(3);
-    plant.holds("cell-1", &cell.path());
-    garbage(&plant);
+    plant.wait_until_archived("cell-1", &cell.path());
+    publish_invalid_messages(&plant);
     // A sender that uses the cell's name, epoch and number without its key.
     let mut forged =
         cell.store.outbox_rows_after(&cell.store.outbox_epochs().expect("epochs")[0], 1).expect("none");
@@ -41,7 +41,7 @@ fn contradictions_changes_and_garbage_are_reported_and_replace_nothing() {
     assert!(reported.contains("was received a second time with other content, SHA-256"), "{reported}");
     assert!(reported.contains("\"same\":6"), "the first one stands: {reported}");
     assert!(plant.log().contains("refused"), "{}", plant.log());
-    // A change by a person in the database.
+    // A person changes a record in the database.
     sql(
         &plant,
         "DELETE FROM contradictions; UPDATE records SET content = convert_to(replace(convert_from(content, 'UTF8'), 'wing', 'tail'), 'UTF8') WHERE number = 2",
@@ -52,7 +52,8 @@ fn contradictions_changes_and_garbage_are_reported_and_replace_nothing() {
     assert!(found.contains("does not match the signature of its cell"), "{found}");
 }
 
-/// Publishes without message names, as a sender whose names the broker forgot after an hour, or that never gave any.
+/// Publishes without message IDs, like a sender whose message IDs the broker deleted after an hour, or a sender that
+/// never sends any.
 fn publish_without_names(plant: &Plant, parts: &[Chunk]) {
     runtime().block_on(async {
         let client = async_nats::connect(format!("127.0.0.1:{}", plant.broker_port)).await.expect("connected");
@@ -64,8 +65,8 @@ fn publish_without_names(plant: &Plant, parts: &[Chunk]) {
     });
 }
 
-/// Publishes messages that are not part of anything, and parts that contradict one another.
-fn garbage(plant: &Plant) {
+/// Publishes messages that are not message parts, and message parts that contradict each other.
+fn publish_invalid_messages(plant: &Plant) {
     let name = CellName::new("cell-1").expect("a name");
     let part = |hash: &str, part, parts| Chunk {
         cell: name.clone(),
@@ -76,6 +77,6 @@ fn garbage(plant: &Plant) {
     };
     publish(plant, &[part("ab", 1, 1), part("cd", 1, 2), part("cd", 2, 3)]);
     let other = CellName::new("cell-2").expect("a name");
-    // A part in another cell's name.
+    // A message part with the name of another cell.
     publish(plant, &[Chunk { cell: other, ..part("ef", 1, 1) }]);
 }

@@ -1,4 +1,5 @@
-//! Records that are lost on the way and sent again: after kills, disk faults, a changed name, and a changed office.
+//! Tests records that are lost during the transfer and sent again: after kills, disk faults, a changed name, and a
+//! changed office server.
 
 use super::offices::{Cell, Plant, TIMEOUT, count, publish, runtime, sql};
 use panelprep::broker::CellLink;
@@ -31,20 +32,20 @@ fn each_record_arrives_once_although_everything_is_killed_in_turn() {
         }
     }
     cell.send(plant.office("cell-1"));
-    let found = plant.holds("cell-1", &cell.path());
+    let found = plant.wait_until_archived("cell-1", &cell.path());
     assert_eq!((count(&found, "records"), count(&found, "same"), count(&found, "signatures")), (720, 720, 360));
 }
 
-/// A broker that loses its disk, and a database that is restored without its last records: the cell sends the
-/// missing records again.
+/// A broker that loses its disk, and a database that is restored without its last records: the cell sends the missing
+/// records again.
 #[test]
 fn what_a_broker_or_a_database_forgets_is_sent_again() {
     let Some(mut plant) = Plant::start() else { return };
     let mut cell = Cell::new();
     cell.send(plant.office("cell-1"));
     cell.cycles(5);
-    plant.holds("cell-1", &cell.path());
-    // The broker's messages are lost with its disk before the archive has them.
+    plant.wait_until_archived("cell-1", &cell.path());
+    // The messages in the broker are lost with its disk before the archive has received them.
     plant.kill_archive();
     cell.cycles(5);
     let progress = cell.path().join("office.json");
@@ -53,17 +54,17 @@ fn what_a_broker_or_a_database_forgets_is_sent_again() {
     fs::remove_dir_all(plant.folder.path().join("nats")).expect("its disk");
     plant.broker.start();
     plant.start_archive();
-    let found = plant.holds("cell-1", &cell.path());
+    let found = plant.wait_until_archived("cell-1", &cell.path());
     assert_eq!(count(&found, "same"), 20);
-    // Sets the database back to the state of the day before.
+    // Restores the database to its state of the day before.
     plant.kill_archive();
     sql(
         &plant,
         "DELETE FROM record_files WHERE number > 7; DELETE FROM records WHERE number > 7; UPDATE epochs SET archived = 7",
     );
     plant.start_archive();
-    assert_eq!(count(&plant.holds("cell-1", &cell.path()), "same"), 20);
-    // A broker that keeps its name has lost some of its accepted messages, without a report.
+    assert_eq!(count(&plant.wait_until_archived("cell-1", &cell.path()), "same"), 20);
+    // A broker that keeps its name has lost some of the messages that it accepted, without a report.
     plant.kill_archive();
     cell.sender = None;
     cell.send(Office { alarm_delay_min: 1, ..plant.office("cell-1") });
@@ -75,10 +76,10 @@ fn what_a_broker_or_a_database_forgets_is_sent_again() {
         stream.purge().await.expect("emptied");
     });
     plant.start_archive();
-    assert_eq!(count(&plant.holds("cell-1", &cell.path()), "same"), 30);
+    assert_eq!(count(&plant.wait_until_archived("cell-1", &cell.path()), "same"), 30);
 }
 
-/// A record is reported as being in the office only when all of its files are there too, in any order of arrival.
+/// A record is reported as transferred only when all of its files have arrived too, in any order of arrival.
 #[test]
 fn a_record_is_complete_only_with_its_files() {
     let Some(plant) = Plant::start() else { return };
@@ -132,7 +133,7 @@ fn wait_until_sent(progress: &Path, number: u64) {
     }
 }
 
-/// A cell with a new name, and a cell with a new office, send everything there.
+/// A cell with a new name, and a cell with a new office server, send all their records.
 #[test]
 fn a_new_cell_name_or_a_new_office_receives_all_records() {
     let (Some(plant), Some(other)) = (Plant::start(), Plant::start()) else { return };
@@ -140,7 +141,7 @@ fn a_new_cell_name_or_a_new_office_receives_all_records() {
     cell.cycles(4);
     for (plant, name) in [(&plant, "cell-1"), (&plant, "cell-2"), (&other, "cell-2"), (&plant, "cell-1")] {
         cell.send(plant.office(name));
-        plant.holds(name, &cell.path());
+        plant.wait_until_archived(name, &cell.path());
         cell.sender = None;
     }
 }

@@ -1,4 +1,5 @@
-//! An office of broker, database and archive, and cells that send to it, each with the same sender as the service.
+//! An office server with broker, database and archive, and cells that send to it, each with the same sender as the
+//! service.
 
 use crate::commands::json;
 use crate::plant::{Server, archive_settings, broker, database, free_port, nats_server, postgres_programs};
@@ -19,7 +20,7 @@ use tempfile::TempDir;
 
 pub const TIMEOUT: Duration = Duration::from_secs(120);
 
-/// The office: broker, database and archive.
+/// The office server: broker, database and archive.
 pub struct Plant {
     pub folder: TempDir,
     pub settings: PathBuf,
@@ -36,7 +37,7 @@ impl Drop for Plant {
 }
 
 impl Plant {
-    /// Starts the office; prints a message and returns `None` if the servers are not installed.
+    /// Starts the office server; prints a message and returns `None` if its programs are not installed.
     pub fn start() -> Option<Self> {
         let (Some(_), Some(programs)) = (nats_server(), postgres_programs()) else {
             eprintln!("not run: nats-server or PostgreSQL is not installed");
@@ -74,13 +75,13 @@ impl Plant {
         fs::read_to_string(self.folder.path().join("archive.log")).unwrap_or_default()
     }
 
-    /// Runs `archive check` with these cells.
+    /// Runs `archive check` for these cells.
     pub fn check(&self, cells: &str) -> (i32, Value) {
         json(self.folder.path(), &format!("archive check --settings {} {cells}", self.settings.display()))
     }
 
     /// Waits until the archive contains the same records as the cell.
-    pub fn holds(&self, cell: &str, store: &Path) -> Value {
+    pub fn wait_until_archived(&self, cell: &str, store: &Path) -> Value {
         let since = Instant::now();
         loop {
             let (exit, found) = self.check(&format!("{cell}={}", store.display()));
@@ -153,7 +154,7 @@ pub fn publish(plant: &Plant, parts: &[Chunk]) {
     let office = plant.office("cell-1");
     runtime().block_on(async {
         let link = CellLink::connect(&office.broker, &office.cell).await.expect("connected");
-        // The archive makes the stream when it starts, so this may need several attempts.
+        // The archive creates the stream when it starts, so several attempts may be necessary.
         let since = Instant::now();
         while let Err(error) = link.stream().await {
             assert!(since.elapsed() < TIMEOUT, "{error}\n{}", plant.log());

@@ -1,4 +1,4 @@
-//! The office's page, and the actions of people there.
+//! Tests the web page of the office server, and the actions of people there.
 
 use super::offices::{Cell, Plant, TIMEOUT, runtime};
 use super::with_office;
@@ -13,7 +13,7 @@ use std::path::Path;
 use std::process::Child;
 use std::time::{Duration, Instant};
 
-/// Uses the office's page in a browser as people do: a wrong password, then every page.
+/// Uses the web page of the office server in a browser as people do: a wrong password, then every page.
 #[test]
 fn people_look_at_all_cells_in_a_browser() {
     let Some(mut plant) = Plant::start() else { return };
@@ -32,20 +32,20 @@ fn people_look_at_all_cells_in_a_browser() {
     other.cycles(30);
     let store = Store::open(&folder.path().join("cell/store")).expect("a store");
     service.wait("its record is signed", |_| !store.signatures().expect("read").is_empty());
-    plant.holds("cell-1", &folder.path().join("cell/store"));
-    plant.holds("cell-2", &other.path());
+    plant.wait_until_archived("cell-1", &folder.path().join("cell/store"));
+    plant.wait_until_archived("cell-2", &other.path());
     let account = format!("archive account office --printed-name Office --settings {}", plant.settings.display());
     let mut made = started(plant.folder.path(), &account);
     std::io::Write::write_all(&mut made.stdin.take().expect("an input"), b"a long password\n").expect("written");
     assert!(made.wait().expect("it ends").success());
-    let _fleet = Ends(started(plant.folder.path(), &format!("fleet --settings {}", plant.settings.display())));
+    let _fleet = KilledOnDrop(started(plant.folder.path(), &format!("fleet --settings {}", plant.settings.display())));
     plant.broker.start();
     let since = Instant::now();
     while std::net::TcpStream::connect(("127.0.0.1", port)).is_err() {
         assert!(since.elapsed() < TIMEOUT, "the office's page does not listen");
         std::thread::sleep(Duration::from_millis(50));
     }
-    // A recipe is approved once: it is offered to each cell, and no cell uses it by itself.
+    // A recipe is approved once: it is offered to each cell, and no cell uses it automatically.
     let recipe = fs::read_to_string(folder.path().join("cell/recipe.toml")).expect("a recipe");
     let offered = plant.folder.path().join("offered.toml");
     fs::write(&offered, recipe.clone() + "\n# approved in the office\n").expect("written");
@@ -71,7 +71,7 @@ fn people_look_at_all_cells_in_a_browser() {
     assert!(reply.status.success() && words.lines().last() == Some("whole"), "{words}\n{problems}");
 }
 
-/// A session of the office's page ends when its account gets another password. It needs the database alone.
+/// A session of the page ends when its account gets another password. Only the database is needed for this.
 #[test]
 fn an_office_session_ends_when_its_account_changes() {
     let Some(programs) = postgres_programs() else { return };
@@ -81,10 +81,10 @@ fn an_office_session_ends_when_its_account_changes() {
     let settings = folder.path().join("archive.toml");
     let text = fs::read_to_string(&settings).expect("settings");
     fs::write(&settings, text + &format!("[fleet]\nlisten = \"127.0.0.1:{port}\"\n")).expect("written");
-    // The archive makes the tables; it waits for a broker that does not come.
-    let _archive = Ends(started(folder.path(), "archive run --settings archive.toml"));
-    keep_account(folder.path(), "a long password");
-    let _fleet = Ends(started(folder.path(), "fleet --settings archive.toml"));
+    // The archive creates the tables; it waits for a broker that is not started.
+    let _archive = KilledOnDrop(started(folder.path(), "archive run --settings archive.toml"));
+    store_account(folder.path(), "a long password");
+    let _fleet = KilledOnDrop(started(folder.path(), "fleet --settings archive.toml"));
     let since = Instant::now();
     while std::net::TcpStream::connect(("127.0.0.1", port)).is_err() {
         assert!(since.elapsed() < TIMEOUT, "the office's page does not listen");
@@ -103,7 +103,7 @@ fn an_office_session_ends_when_its_account_changes() {
     let cookie = cookie.unwrap_or_else(|| panic!("{answer}"));
     let page = || ask(port, &format!("GET /recipes HTTP/1.1\r\nCookie: {cookie}"), "");
     assert!(page().starts_with("HTTP/1.1 200"), "{}", page());
-    keep_account(folder.path(), "another long password");
+    store_account(folder.path(), "another long password");
     let ended = page();
     assert!(ended.starts_with("HTTP/1.1 303") && ended.contains("location: /login"), "{ended}");
 }
@@ -114,8 +114,8 @@ fn free_port_of_database(folder: &Path) -> u16 {
     port
 }
 
-/// Writes the account `office` with this password, once the database has its tables.
-fn keep_account(folder: &Path, password: &str) {
+/// Writes the account `office` with this password, after the database has its tables.
+fn store_account(folder: &Path, password: &str) {
     let since = Instant::now();
     let is_kept = || {
         let mut made = started(folder, "archive account office --printed-name Office --settings archive.toml");
@@ -129,7 +129,7 @@ fn keep_account(folder: &Path, password: &str) {
     }
 }
 
-/// Returns the answer to one request of a browser.
+/// Returns the response to one request of a browser.
 fn ask(port: u16, head: &str, body: &str) -> String {
     use std::io::{Read, Write};
     let mut stream = std::net::TcpStream::connect(("127.0.0.1", port)).expect("connected");
@@ -140,9 +140,9 @@ fn ask(port: u16, head: &str, body: &str) -> String {
 }
 
 /// A child process that is killed when the test ends.
-struct Ends(Child);
+struct KilledOnDrop(Child);
 
-impl Drop for Ends {
+impl Drop for KilledOnDrop {
     fn drop(&mut self) {
         let _ = self.0.kill();
         let _ = self.0.wait();

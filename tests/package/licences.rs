@@ -7,7 +7,7 @@ mod licences;
 use std::collections::BTreeMap;
 use std::io::Write;
 
-/// Licences of parts that are not Rust code: they are in a crate's sources, or linked on the machine.
+/// Licences of parts that are not Rust code, in the sources of a crate or linked on the machine.
 const BESIDE: &str = "\
 SQLite is part of the program (crate libsqlite3-sys); it is in the public domain. Zstandard (crate zstd-sys) is part of it under the
 BSD licence below. The fonts DejaVu Sans Condensed (crate dejavu) are part of it under their own licence below. OpenCV, Aravis, GLib and the C and C++ libraries are not in this package: they are the system's, under their own

@@ -1,5 +1,5 @@
-//! Servers of the office for tests: Debian's nats-server and PostgreSQL, each in a separate folder and on a
-//! separate port. If one is not installed, the caller learns this and reports that its test did not run.
+//! The servers of an office server for tests: Debian's nats-server and PostgreSQL, each in a separate folder and on a
+//! separate port. If one is not installed, the caller is informed and reports that its test did not run.
 
 use std::fs;
 use std::net::{TcpListener, TcpStream};
@@ -8,11 +8,10 @@ use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicU16, Ordering};
 use std::time::{Duration, Instant};
 
-/// A database that was killed repeatedly on a busy machine needs time.
+/// Time limit for a server to answer: a database that was killed repeatedly on a busy machine needs some time.
 const TIMEOUT: Duration = Duration::from_secs(180);
 
-/// Ports below the range that the system uses for outgoing connections: a server that is killed must get its port
-/// back.
+/// Ports below the range that the system uses for outgoing connections, so that a killed server can use its port again.
 const PORTS: std::ops::Range<u16> = 20_000..32_000;
 
 /// Returns a port that is free at this moment.
@@ -54,7 +53,7 @@ impl Server {
         let since = Instant::now();
         while TcpStream::connect(("127.0.0.1", self.port)).is_err() {
             assert!(since.elapsed() < TIMEOUT, "the server on port {} does not answer", self.port);
-            // PostgreSQL ends if processes of a killed server are still there: start it again.
+            // PostgreSQL ends if processes of a killed server still exist; it is then started again.
             if self.child.as_mut().is_some_and(|child| child.try_wait().is_ok_and(|ended| ended.is_some())) {
                 self.begin();
             }
@@ -68,7 +67,7 @@ impl Server {
         self.child = Some((self.start)());
     }
 
-    /// Kills the server without a shutdown, as a power cut does.
+    /// Kills the server without a shutdown, as in a power failure.
     pub fn kill(&mut self) {
         if let Some(mut child) = self.child.take() {
             let _ = child.kill();
@@ -77,7 +76,7 @@ impl Server {
     }
 }
 
-/// Returns the name of `nats-server` here; `None` if it is not installed.
+/// Returns the name of `nats-server` on this machine; `None` if it is not installed.
 pub fn nats_server() -> Option<&'static str> {
     Command::new("nats-server").arg("--version").output().ok().map(|_| "nats-server")
 }
@@ -104,7 +103,7 @@ pub fn postgres_programs() -> Option<PathBuf> {
     folders.into_iter().rev().find(|folder| folder.join("postgres").is_file())
 }
 
-/// Returns a command that runs as a user that PostgreSQL accepts, because it refuses to run as root.
+/// Returns a command that runs as a user that PostgreSQL accepts, because PostgreSQL refuses to run as root.
 fn as_user(program: &Path) -> Command {
     if !rustix::process::geteuid().is_root() {
         return Command::new(program);
@@ -114,8 +113,8 @@ fn as_user(program: &Path) -> Command {
     command
 }
 
-/// A server's output, for a person who looks for the reason why it does not answer.
-fn appended(log: &Path) -> fs::File {
+/// Opens the log of a server for appending, so that a person can find the reason why it does not answer.
+fn open_log(log: &Path) -> fs::File {
     fs::OpenOptions::new().create(true).append(true).open(log).expect("a log")
 }
 
@@ -140,12 +139,12 @@ pub fn database(programs: &Path, folder: &Path, port: u16) -> Server {
     }
     let (programs, started, log) = (programs.to_owned(), programs.to_owned(), folder.join("postgres.log"));
     let server = Server::new(port, move || {
-        // Processes that a killed server left do not belong to the new server; it checks by itself whether it may
+        // Processes of a killed server do not belong to the new server; PostgreSQL checks by itself whether it may
         // start.
         as_user(&started.join("postgres"))
             .args(["-D", &data_text, "-p", &port.to_string(), "-k", "", "-c", "listen_addresses=127.0.0.1"])
             .stdout(Stdio::null())
-            .stderr(appended(&log))
+            .stderr(open_log(&log))
             .spawn()
             .expect("postgres starts")
     });
@@ -161,7 +160,7 @@ pub fn database(programs: &Path, folder: &Path, port: u16) -> Server {
     }
 }
 
-/// Writes the archive's settings for these ports into this folder.
+/// Writes the settings of the archive with these ports into this folder.
 pub fn archive_settings(folder: &Path, broker_port: u16, database_port: u16) -> PathBuf {
     let file = folder.join("archive.toml");
     let text = format!(

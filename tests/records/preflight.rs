@@ -1,5 +1,5 @@
-//! Checks the record's PDF with an independent validator, Apache PDFBox Preflight, as Debian provides it. Preflight
-//! knows PDF/A-1b; it may find only what part 3 allows beyond part 1.
+//! Checks the PDF of a record with an independent validator, Apache PDFBox Preflight, as Debian provides it. Preflight
+//! checks for PDF/A-1b; it may only report features that part 3 of the standard permits in addition to part 1.
 
 use std::fs;
 use std::path::Path;
@@ -8,11 +8,11 @@ use std::process::Command;
 const LIBRARIES: [&str; 8] =
     ["preflight", "pdfbox2", "fontbox2", "xmpbox", "commons-logging", "commons-io", "javax.activation", "jaxb-api"];
 
-/// Codes for features that PDF/A-3 (ISO 19005-3) allows and PDF/A-1 does not. These are an embedded file in its
-/// dictionary and among the names, a colour profile of version 4, and the part's number.
-const PART_3: [&str; 4] = ["1.2.9", "1.4.7", "2.1.6", "7.11.2"];
+/// Error codes for features that PDF/A-3 (ISO 19005-3) permits and PDF/A-1 does not: an embedded file in its dictionary
+/// and among the names, a colour profile of version 4, and the part number.
+const PERMITTED_BY_PART_3: [&str; 4] = ["1.2.9", "1.4.7", "2.1.6", "7.11.2"];
 
-/// Returns the codes of its findings, each once; `None` if Preflight or Java is not installed.
+/// Returns the codes of the reported errors, each once; `None` if Preflight or Java is not installed.
 fn found(pdf: &Path) -> Option<Vec<String>> {
     let libraries = LIBRARIES.map(|name| format!("/usr/share/java/{name}.jar"));
     let is_there = libraries.iter().all(|file| Path::new(file).exists());
@@ -44,8 +44,8 @@ fn replaced(bytes: &[u8], from: &[u8], to: &[u8]) -> Vec<u8> {
     bytes
 }
 
-/// Checks that Preflight finds only the features that part 3 allows beyond part 1. Preflight must also find a wrong
-/// colour space and a wrong font.
+/// Checks that Preflight only reports features that part 3 permits in addition to part 1. As a test of the validator,
+/// it must also report a wrong colour space and a wrong font.
 pub fn accepts(pdf: &Path) {
     let Some(codes) = found(pdf) else {
         eprintln!(
@@ -53,7 +53,7 @@ pub fn accepts(pdf: &Path) {
         );
         return;
     };
-    assert_eq!(codes, PART_3);
+    assert_eq!(codes, PERMITTED_BY_PART_3);
     let whole = fs::read(pdf).expect("the PDF");
     let changed = pdf.with_extension("changed.pdf");
     for (from, to, code) in

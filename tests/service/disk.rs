@@ -1,4 +1,5 @@
-//! A store that is not as the service left it: its database is a day old, or its disk is full.
+//! Tests a store that differs from the state in which the service left it: its database is from the day before, or its
+//! disk is full.
 
 use super::super::commands::{json, rendered, taught_and_verified};
 use super::{START, Service, taught};
@@ -6,8 +7,8 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// A database of yesterday beside the head of today: the service rests in Aborted and states why, until a person
-/// clears it.
+/// The database is from the day before, but the head file is from today. The service stays in Aborted and states why,
+/// until a person clears this.
 #[test]
 fn a_store_that_was_rolled_back_rests_until_a_person_clears_it() {
     let folder = taught("clean");
@@ -19,7 +20,7 @@ fn a_store_that_was_rolled_back_rests_until_a_person_clears_it() {
     let (exit, beside) = json(folder, verify);
     assert_eq!((exit, &beside["ok"]), (0, &true.into()), "beside the service: {beside}");
     service.signal(rustix::process::Signal::TERM);
-    assert_eq!(service.ended().code(), Some(0));
+    assert_eq!(service.wait_for_end().code(), Some(0));
     std::fs::write(&database, yesterday).expect("rolled back");
 
     let (exit, output) = json(folder, verify);
@@ -40,8 +41,8 @@ fn a_store_that_was_rolled_back_rests_until_a_person_clears_it() {
     assert!(exit == 0 && output["ok"] == true && known.contains("rolled back"), "it stays on record: {output}");
 }
 
-/// Another program fills the store's disk in the middle of a cycle. The cell is held and states what to delete, and
-/// so does a restart on the full disk. When there is room again, it continues.
+/// Another program fills the store's disk in the middle of a cycle. The cell is held and states what to delete; after a
+/// restart on the full disk it does the same. When there is free space again, it continues.
 #[test]
 fn a_full_disk_holds_the_cell_and_a_start_on_it_states_what_to_delete() {
     let folder = rendered("good");
@@ -64,7 +65,7 @@ fn a_full_disk_holds_the_cell_and_a_start_on_it_states_what_to_delete() {
     let held = service.done("state")["reasons"].to_string();
     assert!(held.contains("disk_full") && held.contains("delete"), "{held}");
     service.refused("unhold --dried", 3, "is full");
-    service.killed();
+    service.kill_and_wait();
 
     fill(&store);
     let service = Service::start(folder);
@@ -94,7 +95,7 @@ impl Drop for Mounted {
     }
 }
 
-/// Fills the rest of a disk.
+/// Fills the remaining space of a disk.
 fn fill(disk: &Path) {
     let file = disk.join("ballast");
     let mut ballast = std::fs::OpenOptions::new().create(true).append(true).open(file).expect("made");

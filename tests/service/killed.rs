@@ -1,5 +1,4 @@
-//! A service that is killed: the next one finds a complete store, rests, and moves nothing until it receives a
-//! request.
+//! Tests a killed service: the next one finds a complete store, is idle, and moves nothing until it receives a request.
 
 use super::super::commands::json;
 use super::{START, Service, journal, taught};
@@ -10,7 +9,7 @@ use rand::{RngExt, SeedableRng};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// Returns the duration of a whole cycle here, from its start.
+/// Returns the duration of a whole cycle on this machine, from its start.
 fn whole_cycle(folder: &Path) -> Duration {
     let service = Service::start(folder);
     service.reset();
@@ -18,18 +17,18 @@ fn whole_cycle(folder: &Path) -> Duration {
     service.done(START);
     service.reach("complete");
     let took = since.elapsed();
-    service.killed();
+    service.kill_and_wait();
     took
 }
 
-/// Kills a service after this time of its cycle, and checks that the next service rests with a complete store; returns
-/// whether a motion was open.
-fn survives(folder: &Path, after: Duration) -> bool {
+/// Kills a service after this time of its cycle, and checks that the next service is idle with a complete store;
+/// returns whether a motion was open.
+fn kill_and_restart(folder: &Path, after: Duration) -> bool {
     let service = Service::start(folder);
     service.reset();
     service.done(START);
     std::thread::sleep(after);
-    service.killed();
+    service.kill_and_wait();
     let before = journal(folder);
     let expected = panelprep::cycle::recover(before.iter().copied());
 
@@ -58,7 +57,7 @@ fn survives(folder: &Path, after: Duration) -> bool {
     }
     service.reset();
     service.signal(rustix::process::Signal::TERM);
-    assert_eq!(service.ended().code(), Some(0));
+    assert_eq!(service.wait_for_end().code(), Some(0));
     let mut store = Store::create(&folder.join("cell/store")).expect("it is not in use");
     assert_eq!(store.recover().expect("it is whole").intent, None);
     assert_eq!(store.open_cycles().expect("cycles"), [], "every cycle has its end");
@@ -71,12 +70,12 @@ fn kills(moments: u32, seed: u64) {
     let whole = whole_cycle(folder);
     let mut random = rand_pcg::Pcg64Mcg::seed_from_u64(seed);
     let shares = (0..moments).map(|moment| (f64::from(moment) + random.random::<f64>()) / f64::from(moments));
-    let open = shares.map(|share| survives(folder, whole.mul_f64(share))).filter(|open| *open).count();
+    let open = shares.map(|share| kill_and_restart(folder, whole.mul_f64(share))).filter(|open| *open).count();
     eprintln!("{open} of {moments} kills left a motion open; a cycle takes {whole:?}");
 }
 
-/// A process may end anywhere. The store opens, and the next process rests and moves nothing until it receives a
-/// request.
+/// A process may end at any moment. The store can be opened, and the next process is idle and moves nothing until it
+/// receives a request.
 #[test]
 fn a_killed_service_leaves_a_cell_at_rest() {
     kills(3, 1);
@@ -89,8 +88,8 @@ fn a_service_killed_anywhere_leaves_a_cell_at_rest() {
     kills(24, 2);
 }
 
-/// Returns the store, in a folder of its own, of a cycle that broke off on its way to the corner.
-fn broken_off(folder: &Path) -> PathBuf {
+/// Returns the store, in a separate folder, of a cycle that was interrupted on its way to the corner.
+fn store_with_interrupted_cycle(folder: &Path) -> PathBuf {
     let (store, left) = (folder.join("cell/store"), folder.join("left"));
     std::fs::create_dir_all(left.join("blobs")).expect("a folder");
     for part in ["", "blobs"] {
@@ -122,7 +121,7 @@ fn broken_off(folder: &Path) -> PathBuf {
 fn a_motion_that_was_left_open_is_cleared_through_the_service_alone() {
     let folder = taught("clean");
     let folder = folder.path();
-    let left = broken_off(folder);
+    let left = store_with_interrupted_cycle(folder);
     let (exit, refused) = json(folder, "cycle --cell cell/cell.toml --store left --recipe cell/recipe.toml");
     let words = refused["reasons"][0]["message"].as_str().unwrap_or_default();
     assert!(exit == 2 && words.contains("motion is open") && words.contains("panelprep clear"), "{refused}");

@@ -1,4 +1,4 @@
-//! Cycles of the service that are recorded, and replayed without a difference.
+//! Tests cycles of the service that are recorded, and replayed without a difference.
 
 use super::super::commands::json;
 use super::{START, Service, taught};
@@ -7,8 +7,8 @@ use serde_json::Value;
 use std::path::Path;
 
 /// Sets two pictures of the film per second in the cell's recipe, and adds tables. With one picture per second or
-/// fewer, a sanded place stays in doubt in some films. The time at which a person accepts the plan then decides
-/// which film is seen.
+/// fewer, some films do not decide whether a sanded place is clean. The time at which a person accepts the plan would
+/// then decide which film is captured.
 fn slow_film(folder: &Path, more: &str) {
     let file = folder.join("cell/recipe.toml");
     let text = std::fs::read_to_string(&file).expect("rendered");
@@ -17,7 +17,7 @@ fn slow_film(folder: &Path, more: &str) {
     std::fs::write(file, format!("{slow}\n{more}")).expect("written");
 }
 
-/// Waits until the last cycle's recording is written, and replays it.
+/// Waits until the recording of the last cycle is written, and replays it.
 pub fn replays(service: &Service, folder: &Path, verdict: &str) -> String {
     service.wait("its recording is written", |service| service.done("state")["recording"]["is"] != "under_way");
     let recording = service.done("state")["recording"].clone();
@@ -28,8 +28,8 @@ pub fn replays(service: &Service, folder: &Path, verdict: &str) -> String {
     file
 }
 
-/// One cycle that a person holds and one whose result a person accepts, each recorded while the service continues;
-/// both replay without a difference. Pages and `ctl state` name the files.
+/// One cycle that a person holds, and one whose result a person accepts, are recorded while the service continues; both
+/// replay without a difference. Pages and `ctl state` name the files.
 #[test]
 fn cycles_of_the_service_are_recorded_and_replay() {
     let folder = taught("good");
@@ -78,9 +78,10 @@ fn cycles_of_the_service_are_recorded_and_replay() {
     service.done("abort");
 }
 
-/// A service that is killed leaves a recording up to its last whole chunk, and a replay reports that it was cut.
+/// A service that is killed leaves a recording up to its last complete chunk, and a replay reports that it is
+/// truncated.
 #[test]
-fn a_killed_service_leaves_a_recording_that_is_cut() {
+fn a_killed_service_leaves_a_truncated_recording() {
     let folder = taught("good");
     let folder = folder.path();
     let service = Service::start(folder);
@@ -93,7 +94,7 @@ fn a_killed_service_leaves_a_recording_that_is_cut() {
         other => panic!("the cycle has ended: {other:?}"),
     };
     service.wait("some entries", |_| whole() > 50);
-    service.killed();
+    service.kill_and_wait();
     let entries = whole();
     assert!(entries > 50, "{entries}");
     let (exit, output) = json(folder, "replay cut.mcap");

@@ -1,4 +1,4 @@
-//! The manual's tables of MQTT Sparkplug state what the program does and what its tests check.
+//! Tests that the manual's tables of MQTT Sparkplug agree with the program and its tests.
 
 use panelprep::sparkplug::{METRICS, NodeCommand};
 use std::collections::BTreeSet;
@@ -33,8 +33,8 @@ fn the_manual_lists_every_metric() {
     assert_eq!(listed, known.collect::<Vec<_>>());
 }
 
-/// The table of assertions contains each assertion once, each named test exists, and the table's summary counts
-/// correctly.
+/// The table of assertions contains each assertion once, each named test exists, and the numbers in the table's summary
+/// are correct.
 #[test]
 fn the_assertions_name_existing_tests() {
     let page = "sparkplug-assertions.md";

@@ -1,5 +1,5 @@
-//! A broker and host applications for the tests: Debian's mosquitto, and Python packages in environments of their
-//! own below `target/`.
+//! A broker and host applications for the tests: Debian's mosquitto, and Python packages in separate environments below
+//! `target/`.
 
 use serde_json::Value;
 use std::fs;
@@ -10,9 +10,9 @@ use std::process::{Child, ChildStdin, Command, Stdio};
 use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
 
-/// Time limit that is long enough for a busy machine.
+/// Time limit of the tests, long enough for a busy machine.
 const TIMEOUT: Duration = Duration::from_secs(120);
-/// The user that the broker knows.
+/// Name of the user that the broker accepts.
 pub const USER: &str = "cell";
 pub const PASSWORD: &str = "a long password";
 
@@ -59,7 +59,7 @@ impl Drop for Broker {
 }
 
 impl Broker {
-    /// Starts a broker with one user and TLS. Its certificate is made here; the certificate authority's certificate is
+    /// Starts a broker with one user and TLS. Its certificate is created here; the certificate of the authority is
     /// `ca.pem` in the folder.
     pub fn start(folder: &Path) -> Self {
         let [port, tls_port] = [free_port(), free_port()];
@@ -69,7 +69,7 @@ impl Broker {
         let made = Command::new("mosquitto_passwd").arg("-b").arg("-c").arg(&users).args([USER, PASSWORD]).status();
         assert!(made.expect("it starts").success());
         let at = |name: &str| folder.join(name).display().to_string();
-        // The broker does not switch to a user of its own, because it reads files of this test's folder.
+        // The broker does not switch to another user, because it must read files in the folder of this test.
         let root = if rustix::process::getuid().is_root() { "user root\n" } else { "" };
         let text = format!(
             "{root}allow_anonymous false\npassword_file {}\nlistener {port} 127.0.0.1\nlistener {tls_port} 127.0.0.1\n\
@@ -83,7 +83,7 @@ impl Broker {
         Broker { child: run(folder, port), folder: folder.to_owned(), port, tls_port }
     }
 
-    /// Kills the broker, as a power cut does, and starts it again after this time.
+    /// Kills the broker, as a power failure does, and starts it again after this time.
     pub fn restart(&mut self, without_for: Duration) {
         self.child.kill().expect("killed");
         self.child.wait().expect("gone");
@@ -168,7 +168,7 @@ impl Host {
         self.stdin.write_all(format!("{what}\n").as_bytes()).expect("it reads");
     }
 
-    /// Returns the host's messages up to now.
+    /// Returns the messages of the host up to now.
     pub fn so_far(&mut self) -> &[Value] {
         while let Ok(line) = self.lines.try_recv() {
             self.keep(&line);
@@ -176,7 +176,7 @@ impl Host {
         &self.heard
     }
 
-    /// Waits for a message for which `is_it` is true; all messages that arrive are stored.
+    /// Waits for a message for which `is_it` is true; all arriving messages are stored.
     pub fn until(&mut self, what: &str, is_it: impl Fn(&Value) -> bool) -> Value {
         loop {
             match self.lines.recv_timeout(TIMEOUT) {

@@ -1,16 +1,15 @@
-//! The required ends of a path's lines: the base and the tool that were sent in their epoch, and the point.
-//! Whatever base and tool the controller has, and whatever it reports about them, the arm ends there.
+//! Checks the ends of the lines of a path: the arm must end at the point that was sent, with the base and the tool that
+//! were sent in its epoch, whatever base and tool the controller reports.
 
 use panelprep::devices::mock::ExecutedMotion;
 use panelprep::eki::{CommandId, Epoch, MoveLin};
 use panelprep::geometry::{Base, Flange, KukaPose, Panel, Rigid, Tool};
 use std::collections::BTreeMap;
 
-/// Tolerance for single precision and for the rotation of the controller's own frames, mm.
+/// Maximum error of the end of a line, mm: single precision and the rotation of the controller's own frames.
 const MAX_END_ERROR_MM: f64 = 0.05;
 
-/// The required end of a line: the tool's pose, the tool's frame on the flange, and the largest allowed rounding,
-/// mm.
+/// The required end of a line: the tool's pose, the tool's frame on the flange, and the maximum rounding, mm.
 type Aim = (Rigid<Base, Tool>, Rigid<Flange, Tool>, f64);
 
 /// The motions that were sent, and the number of executed motions that were already checked.
@@ -20,12 +19,12 @@ pub struct Aims {
     pub tool: Option<KukaPose>,
     aims: BTreeMap<(u32, u32), Aim>,
     looked: usize,
-    /// The epoch and the id of the last motion that was executed.
+    /// The epoch and the ID of the last executed motion.
     last: (u32, u32),
 }
 
 impl Aims {
-    /// Adds a queued path, the last point of which has this id.
+    /// Adds a queued path whose last point has this ID.
     pub fn queued(&mut self, epoch: Epoch, last: CommandId, points: &[MoveLin]) {
         let (Some(base), Some(tool)) = (self.base, self.tool) else { return };
         let first = last.0 + 1 - points.len() as u32;
@@ -35,16 +34,16 @@ impl Aims {
         }
     }
 
-    /// Checks the lines executed since the last call. Returns a line that ended elsewhere, and a line that was
-    /// executed after one that was left out.
+    /// Checks the lines executed since the last call. Returns a line that ended at a wrong place, and a line that was
+    /// executed although the line before it was omitted.
     pub fn look(&mut self, executed: &[ExecutedMotion]) -> [Option<String>; 2] {
         let fresh = executed.get(self.looked..).unwrap_or_default();
         self.looked = executed.len();
-        [self.off(fresh), self.holes(fresh)]
+        [self.off(fresh), self.first_missing_point(fresh)]
     }
 
-    /// A path with a hole is worse than a stop: the arm cuts an unplanned corner.
-    fn holes(&mut self, fresh: &[ExecutedMotion]) -> Option<String> {
+    /// A path with a missing point is worse than a stop, because the arm cuts an unplanned corner.
+    fn first_missing_point(&mut self, fresh: &[ExecutedMotion]) -> Option<String> {
         let mut found = None;
         for step in fresh {
             let (epoch, id) = (step.epoch.cast_unsigned(), step.id.cast_unsigned());

@@ -1,7 +1,7 @@
 //! The cameras of a world. Pictures are rendered once for each possible view and stored for all worlds of the process.
-//! A scan is stored under the contents of the cell, a picture of the film under the greasy places and its time in
-//! steps, and a corner under the flange's pose. Rendering them is the larger part of a cycle's cost, and two equal
-//! views give equal pictures anyway.
+//! The key of a scan is the contents of the cell; that of a picture of the film, the greasy places and its time in
+//! steps; that of a corner, the pose of the flange. Rendering takes most of a cycle's computing time, and two equal
+//! views give equal pictures.
 
 use super::fixture::{CellContents, Fixture};
 use super::inside::{Inside, Shared};
@@ -16,17 +16,17 @@ use std::collections::BTreeMap;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::{Arc, LazyLock, Mutex, MutexGuard, PoisonError};
 
-/// Share of a greasy spot's area that the disc must cover before the spot is gone.
-const MIN_HEALED_SHARE: f64 = 0.9;
+/// Minimum fraction of a greasy spot's area that the disc must cover to remove the spot.
+const MIN_REMOVED_FRACTION: f64 = 0.9;
 /// Interval between rendered pictures of the film, s.
 const PICTURE_INTERVAL_S: f64 = 2.0;
-/// Factor by which films of this cell break faster than the renderer's, so that five seconds show as much as a
-/// minute.
+/// Factor by which the films of this cell break faster than those of the renderer, so that five seconds show as much as
+/// a minute.
 const FILM_SPEED_FACTOR: f64 = 8.0;
 /// Maximum number of stored pictures of each kind.
 const MAX_CACHED_PICTURES: usize = 4_000;
 
-/// For each spot, whether it is gone.
+/// For each greasy spot, whether it is removed.
 type Healed = Vec<bool>;
 
 /// Pictures that were already rendered.
@@ -44,21 +44,21 @@ fn rendered() -> MutexGuard<'static, Rendered> {
     RENDERED.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// A film that the camera is taking.
-struct Taking {
-    /// Time at which the film began, ms; `began_s` is the same by the camera's clock, s.
+/// A film in progress.
+struct FilmInProgress {
+    /// Time at which the film began, ms; `began_s` is this time on the camera's clock, s.
     began_ms: u64,
     began_s: f64,
     per_second: f64,
     taken: u32,
 }
 
-/// Number of parts into which the camera's clock divides a second. A film's pictures are taken at these times,
-/// whole periods apart, so that the times between pictures are the same numbers in each film.
+/// Number of parts into which the camera's clock divides a second. The pictures of a film are captured at these times,
+/// at whole periods, so that the times between pictures are equal numbers in each film.
 const CLOCK_PARTS: f64 = 64.0;
 
-/// Returns the number of stored pictures that all worlds share, and their bytes.
-pub fn kept() -> (usize, usize) {
+/// Returns the number of stored pictures that all worlds share, and their size, bytes.
+pub fn stored_pictures() -> (usize, usize) {
     let rendered = rendered();
     let pictures = rendered.film.values().chain(rendered.corners.values());
     pictures.fold((0, 0), |(count, bytes), picture| (count + 1, bytes + 3 * picture.rgb.len()))
@@ -67,7 +67,7 @@ pub fn kept() -> (usize, usize) {
 /// Both cameras as one port.
 pub struct Cameras {
     world: Shared,
-    film: Option<Taking>,
+    film: Option<FilmInProgress>,
     healed: Healed,
     /// Time of the last wetting that `healed` takes into account, ms.
     healed_at_ms: Option<u64>,
@@ -98,20 +98,20 @@ impl Cameras {
         Picture2d { picture, time_s }
     }
 
-    /// Marks the spots that the disc covered before this wetting: they hold their film from now on.
+    /// Marks the spots that the disc covered before this wetting: the film holds on them from now on.
     fn heal(&mut self, world: &Inside, on_ms: u64) {
         let fixture = Fixture::get();
         let disc_mm = fixture.cycle.recipe.path().disc_diameter_mm();
         let touched = TouchedPoints::reached_by_disc(&world.trace(on_ms), fixture.truth(), disc_mm);
         let takes_off = world.stands != CellContents::Stubborn;
-        let share = |spot| takes_off && touched.covered_pixel_fraction(spot) >= MIN_HEALED_SHARE;
+        let share = |spot| takes_off && touched.covered_share(spot) >= MIN_REMOVED_FRACTION;
         self.healed = fixture.truth().spots.iter().map(share).collect();
         self.healed_at_ms = Some(on_ms);
     }
 
     fn next_of_film(&mut self) -> CameraAnswer {
         let now_ms = self.world.lock().now_ms();
-        let Some(Taking { began_ms, began_s, per_second, taken }) = &mut self.film else {
+        let Some(FilmInProgress { began_ms, began_s, per_second, taken }) = &mut self.film else {
             return CameraAnswer::NoneDue;
         };
         let since_s = f64::from(*taken) / *per_second;
@@ -138,8 +138,8 @@ impl Cameras {
         if is_shut { black(&picture) } else { (*picture).clone() }
     }
 
-    /// Returns the answer of a camera with this fault, if it differs from a good camera's.
-    fn harmed(&mut self, harm: CameraHarm, command: CameraCommand) -> Option<Result<CameraAnswer, CameraFault>> {
+    /// Returns the answer of a camera with this fault, if it differs from that of an intact camera.
+    fn faulty_answer(&mut self, harm: CameraHarm, command: CameraCommand) -> Option<Result<CameraAnswer, CameraFault>> {
         let flange = matches!(command, CameraCommand::CornerPicture);
         let camera = if flange { "the flange camera" } else { "the scanner" };
         let fault = |why: &str| CameraFault { camera, why: why.to_owned() };
@@ -188,7 +188,7 @@ impl Port<CameraCommand> for Cameras {
             let now_ms = world.now_ms();
             world.cameras[usize::from(flange)].filter(|(_, until_ms)| now_ms < *until_ms)
         };
-        if let Some(answer) = harm.and_then(|(harm, _)| self.harmed(harm, command)) {
+        if let Some(answer) = harm.and_then(|(harm, _)| self.faulty_answer(harm, command)) {
             return answer;
         }
         let answer = match command {
@@ -197,7 +197,7 @@ impl Port<CameraCommand> for Cameras {
             CameraCommand::BeginFilm(per_second) => {
                 let now_ms = self.world.lock().now_ms();
                 let began_s = (now_ms as f64 / 1e3 * CLOCK_PARTS).ceil() / CLOCK_PARTS;
-                self.film = Some(Taking { began_ms: now_ms, began_s, per_second, taken: 0 });
+                self.film = Some(FilmInProgress { began_ms: now_ms, began_s, per_second, taken: 0 });
                 CameraAnswer::FilmBegan(began_s)
             }
             CameraCommand::NextOfFilm => self.next_of_film(),
@@ -215,7 +215,7 @@ impl Port<CameraCommand> for Cameras {
     }
 }
 
-/// Returns the time in the film. It also passes before there is water, so that no two pictures have the same noise.
+/// Returns the time in the film. It also increases before there is water, so that no two pictures have the same noise.
 fn film_s(water: Option<(u64, Option<u64>)>, now_ms: u64) -> f64 {
     let seconds = |ms: u64| ms as f64 / 1e3;
     let Some((on_ms, off_ms)) = water else { return -1.0 - seconds(now_ms % 4_000) };
@@ -253,7 +253,7 @@ fn corner_picture(stands: CellContents, base_from_flange: &Rigid<Base, Flange>) 
         return picture.clone();
     }
     let place = Fixture::get().truth().base_from_panel;
-    // The picture is rendered from the key's rounded pose, so that the picture does not depend on the first caller.
+    // The picture is rendered from the rounded pose in the key, so that it does not depend on which caller is first.
     let [x_mm, y_mm, z_mm, a_deg, b_deg, c_deg] = key.1.map(|number| number as f64 / 1e3);
     let from = KukaPose { x_mm, y_mm, z_mm, a_deg, b_deg, c_deg }.to_rigid();
     let picture = Arc::new(Fixture::get().scene(stands).flange_picture_at(&from, &place));
@@ -270,9 +270,9 @@ fn rounded(base_from_flange: &Rigid<Base, Flange>) -> [i64; 6] {
     numbers.map(|number| (number * 1e3).round() as i64)
 }
 
-/// Returns a number for the pictures that this world's cameras would show, to find results that were computed
-/// before. `None` if one of the cameras is disturbed.
-pub fn seen(world: &Shared, act: Action) -> Option<u64> {
+/// Returns a hash of the pictures that this world's cameras would capture, to find results that were computed before.
+/// `None` if one of the cameras has a fault.
+pub fn view_hash(world: &Shared, act: Action) -> Option<u64> {
     let mut world = world.lock();
     let now_ms = world.now_ms();
     if act == Action::Locate {

@@ -1,4 +1,4 @@
-//! The wall clock of a world: the real clock with an offset from jumps. Only labels may depend on it.
+//! The wall clock of a world: the real clock with an offset that changes in jumps. Only labels may depend on it.
 
 use std::cell::Cell;
 
@@ -7,7 +7,7 @@ thread_local! {
 }
 
 /// Returns the offset of this thread's clock, s.
-pub fn moved_s() -> i64 {
+pub fn offset_s() -> i64 {
     MOVED_S.get()
 }
 
@@ -17,6 +17,6 @@ pub fn jump(seconds: i64) {
 }
 
 /// Sets the offset of this thread's clock to zero.
-pub fn right() {
+pub fn reset() {
     MOVED_S.set(0);
 }

@@ -1,11 +1,10 @@
-//! Between the people of a world and its loop: the service's own queue and request handler, with several users who
-//! send requests at once.
+//! The interface between the people of a world and its loop: the service's own queue and request handler, with several
+//! users who send requests at the same time.
 //!
-//! A request that the socket accepts is converted to its line of text and back. In addition, the state is
-//! requested, as a page does. This happens in every round of the loop while the cell rests, so that the handler
-//! never waits, otherwise in every fourth round. A mirror of the queue states which requests must find a place,
-//! which must not, and which is next. Each request that found a place is answered, in at most as many rounds as
-//! there are requests before it.
+//! A request that the socket accepts is converted to its line of text and back. In addition, the state is requested, as
+//! a page does: in every round of the loop while the cell is idle, so that the handler never waits, otherwise in every
+//! fourth round. A model of the queue states which requests must be accepted, which must be refused, and which is next.
+//! Each accepted request must be answered, in at most as many rounds as there are requests before it.
 
 use panelprep::cycle::{self, At, State};
 use panelprep::daemon::{
@@ -20,19 +19,20 @@ use std::sync::mpsc::channel;
 use tokio::sync::oneshot;
 use tokio::sync::oneshot::error::TryRecvError;
 
-/// User ids: of the operator who runs the cycles, of people who press anything, and of a page that requests the state.
+/// User IDs: of the operator who runs the cycles, and below it of people who send any request, and of a page that
+/// requests the state.
 pub const OPERATOR: u32 = 1_000;
 pub const ANOTHER_PERSON: u32 = 1_001;
 const PAGE: u32 = 33;
-/// User id of a person at a second screen.
+/// User ID of a person at a second screen.
 const SECOND: u32 = 1_002;
-/// Rounds of a busy loop between two requests of a page for the state.
+/// Number of rounds of a busy loop between two requests of a page for the state.
 const PAGE_ROUNDS: u64 = 4;
 
-/// Maximum number of waiting requests of one user; `MAX_QUEUED` is that of all users.
+/// Maximum number of waiting requests of one user; `MAX_QUEUED` is the maximum for all users.
 const MAX_QUEUED_PER_USER: usize = 8;
 const MAX_QUEUED: usize = 32;
-/// Number of rounds of the loop until an accepted request is answered.
+/// Maximum number of rounds of the loop until an accepted request is answered.
 const MAX_ANSWER_ROUNDS: u32 = 2;
 
 /// The contents of a screen: the number of the state machine's step, and its state.
@@ -43,7 +43,7 @@ pub struct Shown {
 }
 
 impl Shown {
-    /// Creates the shown values of this state.
+    /// Returns the screen contents for this state.
     pub fn from_state(state: &State) -> Self {
         Shown { step: state.step, at: state.at }
     }
@@ -52,16 +52,16 @@ impl Shown {
 /// A request that was queued.
 struct Waiting {
     uid: u32,
-    /// The contents of the screen on which the decision was based.
+    /// The screen contents on which the decision was based.
     shown: Option<Shown>,
-    /// Whether the request was based on a step that was over when the request was processed.
+    /// Whether the decision refers to a step that was over when the request was processed.
     is_stale: bool,
     words: String,
     urgent: bool,
     /// Whether the request is still in the queue.
     queued: bool,
     rounds: u32,
-    /// Number of rounds in which the answer must come.
+    /// Number of rounds in which the answer must arrive.
     at_most: u32,
     reply: oneshot::Receiver<Reply>,
 }
@@ -72,11 +72,11 @@ pub struct Desk {
     sender: RequestSender,
     waiting: Vec<Waiting>,
     rounds: u64,
-    /// Whether a person wants the process to end: other waiting requests may be dropped.
+    /// Whether a person has requested the end of the process; other waiting requests may then be dropped.
     leaves: bool,
-    /// The wrong answer, if there was one.
+    /// Description of the wrong answer, if there was one.
     pub wrong: Option<String>,
-    /// Number of decisions that were processed, whether based on the present step or on another one.
+    /// Number of processed decisions, whether they refer to the present step or to another one.
     pub decided: u64,
 }
 
@@ -87,7 +87,7 @@ impl Desk {
         let parts = ServiceParts {
             recording: RecordingSwitch::new(store, false),
             supervisor: Supervisor::default(),
-            // No pages are written here; at the end they are made from the store.
+            // No pages are written here; they are created from the store at the end.
             pages: channel().0,
             written: LastWrittenPage::default(),
             cameras: None,
@@ -102,15 +102,15 @@ impl Desk {
         !self.waiting.iter().any(|waiting| waiting.queued && waiting.uid != PAGE)
     }
 
-    /// Sends a second screen's decision that is based on the contents of that screen.
-    pub fn decides(&mut self, request: cycle::Request, shown: Shown, carries: bool) {
+    /// Sends a decision of a second screen, based on the contents of this screen.
+    pub fn send_decision(&mut self, request: cycle::Request, shown: Shown, carries: bool) {
         let what =
             if carries { RequestKind::Decided { request, step: shown.step } } else { RequestKind::Table(request) };
         self.asks(SECOND, what, Some(shown));
     }
 
     /// Sends a request as this user.
-    pub fn ask(&mut self, uid: u32, what: RequestKind) {
+    pub fn send_request(&mut self, uid: u32, what: RequestKind) {
         self.asks(uid, what, None);
     }
 
@@ -123,7 +123,7 @@ impl Desk {
         let others = || self.waiting.iter().filter(|waiting| waiting.queued && !waiting.urgent);
         let (of_user, of_all) = (others().filter(|waiting| waiting.uid == uid).count(), others().count());
         let has_place = urgent || (of_user < MAX_QUEUED_PER_USER && of_all < MAX_QUEUED);
-        // A repeated stop by the same person is not queued a second time.
+        // A repeated stop of the same person is not queued a second time.
         let is_stop = urgent && !matches!(what, RequestKind::Leave);
         let is_same = is_stop
             && self.waiting.iter().any(|waiting| waiting.queued && waiting.uid == uid && waiting.words == words);
@@ -147,12 +147,12 @@ impl Desk {
             }
         }
         if urgent {
-            // An urgent request goes before the waiting ones.
+            // An urgent request is processed before the waiting ones.
             self.waiting.iter_mut().filter(|waiting| waiting.queued).for_each(|waiting| waiting.at_most += 1);
         }
     }
 
-    /// Sends a request through the socket: a request that the socket accepts must be unchanged afterwards.
+    /// Passes a request through the socket's protocol; an accepted request must be unchanged afterwards.
     fn through_the_socket(&mut self, what: RequestKind) -> RequestKind {
         let Ok(line) = request_line(&what) else { return what };
         match read_request(line.as_bytes()) {
@@ -169,13 +169,13 @@ impl Desk {
         self.rounds += 1;
         let is_due = state.at.is_at_rest() || self.rounds.is_multiple_of(PAGE_ROUNDS);
         if is_due && !self.waiting.iter().any(|waiting| waiting.uid == PAGE) {
-            self.ask(PAGE, RequestKind::State);
+            self.send_request(PAGE, RequestKind::State);
         }
         let request = self.handler.next_request(state)?;
         self.waiting.iter_mut().for_each(|waiting| waiting.rounds += 1);
         let outdated = request.as_ref().filter(|request| matches!(request.what, RequestKind::Outdated { .. }));
         if let Some(request) = outdated {
-            // An outdated request is answered at once.
+            // An outdated request is answered immediately.
             self.is_outdated(&request.what, state);
         }
         self.answers();
@@ -252,7 +252,7 @@ impl Desk {
         }
     }
 
-    /// Handles a report of the loop.
+    /// Handles an event that the loop reports.
     pub fn on_news(&mut self, news: LoopEvent) {
         self.handler.on_loop_event(news);
         self.answers();
@@ -263,8 +263,8 @@ impl Desk {
     }
 }
 
-/// Returns what is wrong with a decision that was processed: the state machine must still be in the state on which the
-/// decision was based.
+/// Returns the problem with a processed decision: the state machine must still be in the state on which the decision
+/// was based.
 fn taken(first: &mut Waiting, what: &RequestKind, state: &State) -> Option<String> {
     let shown = first.shown?;
     let is_good = shown == Shown::from_state(state);

@@ -1,15 +1,15 @@
 //! The disk of a world: every write to its folder is observed, may fail, and may be the last one; and the result of a
-//! power cut.
+//! power failure.
 //!
-//! Functions of this test, which make the system calls, take the place of the C library's (`open`, `write`, `pwrite`,
+//! Functions of this test, which make the system calls, replace those of the C library (`open`, `write`, `pwrite`,
 //! `fsync`, `fdatasync`, `ftruncate`, `rename`, `unlink`). SQLite is linked into this program and calls them by name,
-//! as the standard library does. Therefore the product needs no layer of its own between store and disk, and the
-//! tested code is the shipped code. A SQLite VFS would see only the database, and neither head nor blobs. `mmap` of
-//! the database's `-shm` does not matter for durability: it is made again from the log.
+//! as the standard library does. Therefore the product needs no layer of its own between store and disk, and the tested
+//! code is the shipped code. A SQLite VFS would observe only the database, and neither head nor blobs. `mmap` of the
+//! database's `-shm` file is not relevant for durability, because this file is created again from the log.
 //!
-//! A power cut keeps everything that was flushed (`fsync` of the file; of its folder for names). Of the rest, any part
-//! may be kept: each write whole, in some of its sectors, or not at all, in any order; names in their order, up to
-//! some point.
+//! A power failure keeps everything that was flushed (`fsync` of the file; of its folder for names). Of the rest, any
+//! part may be kept: each write completely, in some of its sectors, or not at all, in any order; names in their order,
+//! up to some point.
 
 use super::libc_calls::{self, Call};
 use super::sabotage::Sabotage;
@@ -20,19 +20,19 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 const SECTOR: usize = 512;
-/// The file that states how far the chain goes.
+/// Name of the file with the position of the record chain.
 const HEAD: &str = "panelprep.head";
-/// The file that reserves space and contains no data.
+/// Name of the file that reserves disk space and contains no data.
 const RESERVE: &str = "panelprep.reserve";
 
-/// An event at one of the next writes.
+/// An event that is planned for one of the next writes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Event {
     /// From this write on, nothing is written.
     End,
-    /// This number of writes find no room, until the reserve is released.
+    /// This number of writes fail because the disk is full, until the reserve file is deleted.
     Full(u32),
-    /// This number of writes fail.
+    /// This number of writes fail with an error of the disk.
     Io(u32),
 }
 
@@ -55,7 +55,7 @@ enum Naming {
     Remove(PathBuf),
 }
 
-/// A folder of which all writes are watched.
+/// A folder whose writes are observed.
 #[derive(Debug)]
 struct Watched {
     root: PathBuf,
@@ -63,7 +63,7 @@ struct Watched {
     names: BTreeMap<PathBuf, usize>,
     kept_names: BTreeMap<PathBuf, usize>,
     pending_names: Vec<Naming>,
-    /// Open files and folders by their descriptors.
+    /// Open files and folders, by their descriptors.
     open: BTreeMap<i32, Opened>,
     writings: u64,
     events: Vec<(u64, Event)>,
@@ -71,8 +71,8 @@ struct Watched {
     had_io_error: bool,
     was_full: bool,
     sabotage: Option<Sabotage>,
-    /// One in this number of writes is imagined to be the last one before a power cut. The contents that the power cut
-    /// would leave are stored beside the folder.
+    /// One in this number of writes is simulated as the last one before a power failure. The files that the power
+    /// failure would leave are stored beside the folder.
     imagined: Option<(u32, Pcg64)>,
     imagines: bool,
     left: Vec<PathBuf>,
@@ -88,7 +88,7 @@ thread_local! {
     static WATCHED: RefCell<Option<Watched>> = const { RefCell::new(None) };
 }
 
-/// Watches this thread's writes to this folder. The existing contents count as flushed.
+/// Observes this thread's writes to this folder. The existing files are treated as flushed.
 pub fn watch(root: &Path, sabotage: Option<Sabotage>) {
     let mut watched = Watched {
         root: root.to_owned(),
@@ -110,22 +110,22 @@ pub fn watch(root: &Path, sabotage: Option<Sabotage>) {
     watched.scan(root);
     watched.kept_names = watched.names.clone();
     WATCHED.with_borrow_mut(|slot| *slot = Some(watched));
-    libc_calls::listen(true);
+    libc_calls::set_observed(true);
 }
 
-/// One in this number of the writes between [`imagine`] and [`imagined`] is imagined to be the last one before a
-/// power cut.
-pub fn imagine_one_in(count: u32, seed: u64) {
+/// Simulates one in this number of the writes between [`begin_simulated_power_failures`] and
+/// [`simulated_power_failures`] as the last one before a power failure.
+pub fn simulate_one_power_failure_in(count: u32, seed: u64) {
     with(|watched| watched.imagined = Some((count, Pcg64::seed_from_u64(seed))));
 }
 
-/// From now on, any write may be imagined to be the last one before a power cut.
-pub fn imagine() {
+/// From now on, any write may be simulated as the last one before a power failure.
+pub fn begin_simulated_power_failures() {
     with(|watched| watched.imagines = true);
 }
 
-/// Imagines a power cut now, between two writes.
-pub fn imagine_now() {
+/// Simulates a power failure now, between two writes.
+pub fn simulate_power_failure_now() {
     with(|watched| {
         let draw = watched.imagined.as_mut().map(|(_, draw)| draw.random());
         if let Some(seed) = draw {
@@ -134,9 +134,9 @@ pub fn imagine_now() {
     });
 }
 
-/// Returns a folder for each imagined power cut since [`imagine`], with the contents that the power cut would have
-/// left.
-pub fn imagined() -> Vec<PathBuf> {
+/// Returns one folder for each simulated power failure since [`begin_simulated_power_failures`], with the files that
+/// the power failure would have left.
+pub fn simulated_power_failures() -> Vec<PathBuf> {
     let left = with(|watched| {
         watched.imagines = false;
         std::mem::take(&mut watched.left)
@@ -144,7 +144,7 @@ pub fn imagined() -> Vec<PathBuf> {
     left.unwrap_or_default()
 }
 
-/// Continues with another process in the same folder: unflushed data of the last process is still in the system's
+/// Continues with another process in the same folder: unflushed data of the last process are still in the system's
 /// memory.
 pub fn resume() {
     with(|watched| {
@@ -155,14 +155,14 @@ pub fn resume() {
 
 /// Ends the observation.
 pub fn leave() {
-    libc_calls::listen(false);
+    libc_calls::set_observed(false);
     WATCHED.with_borrow_mut(|slot| *slot = None);
 }
 
 /// Plans an event for the nth write from now on.
 pub fn at_writing(nth: u32, event: Event) {
     with(|watched| {
-        // The reserve frees more room than is written until the process ends, so that the disk would not be full.
+        // The reserve frees more space than is written until the process ends, so the disk would not become full.
         let has_room = !watched.names.contains_key(&watched.root.join(RESERVE));
         if !(has_room && matches!(event, Event::Full(_))) {
             watched.events.push((watched.writings + u64::from(nth), event));
@@ -185,38 +185,37 @@ pub fn is_over() -> bool {
     with(|watched| watched.is_over).unwrap_or(false)
 }
 
-/// Returns whether a write has failed.
+/// Returns whether a write has failed because of a disk error.
 pub fn had_io_error() -> bool {
     with(|watched| watched.had_io_error).unwrap_or(false)
 }
 
-/// Returns whether a write of this process found no room, not counting writes of the head.
+/// Returns whether a write of this process failed because the disk was full, not counting writes of the head.
 pub fn was_full() -> bool {
     with(|watched| watched.was_full).unwrap_or(false)
 }
 
-/// Writes into this folder the contents that a power cut leaves; the seed determines which.
+/// Writes into this folder the files that a power failure leaves; the seed determines which changes are kept.
 pub fn after_power_cut(to: &Path, seed: u64) {
-    let was = libc_calls::listen(false);
+    let was = libc_calls::set_observed(false);
     let _ = std::fs::remove_dir_all(to);
     with(|watched| watched.image(to, &mut Pcg64::seed_from_u64(seed)));
-    libc_calls::listen(was);
+    libc_calls::set_observed(was);
 }
 
 fn with<T>(act: impl FnOnce(&mut Watched) -> T) -> Option<T> {
-    let was = libc_calls::listen(false);
+    let was = libc_calls::set_observed(false);
     let done = WATCHED.with_borrow_mut(|slot| slot.as_mut().map(act));
-    libc_calls::listen(was);
+    libc_calls::set_observed(was);
     done
 }
 
-/// Handles a call of this thread before it is performed; returns an error number if the call must fail without being
-/// performed.
+/// Handles a call of this thread before it is performed; returns an error number if the call must fail.
 pub fn before(call: &Call<'_>) -> Option<i32> {
     WATCHED.with_borrow_mut(|slot| slot.as_mut().and_then(|watched| watched.before(call)))
 }
 
-/// Records a call of this thread that was performed.
+/// Records a call of this thread after it was performed.
 pub fn after(call: &Call<'_>, result: i64) {
     WATCHED.with_borrow_mut(|slot| {
         if let Some(watched) = slot {
@@ -234,7 +233,7 @@ impl Watched {
                 self.scan(&entry.path());
                 continue;
             }
-            // The reserve's bytes are many and have no meaning, so they are not stored.
+            // The bytes of the reserve are many and have no meaning, so they are not stored.
             let kept = if entry.file_name() == RESERVE {
                 Vec::new()
             } else {
@@ -277,7 +276,7 @@ impl Watched {
                 Some(libc::EIO)
             }
             Event::Full(_) if gives_up => {
-                // The room of the reserve is far more than the cell writes until it rests.
+                // The space of the reserve is much more than the cell writes until it is idle.
                 self.events.retain(|(_, event)| !matches!(event, Event::Full(_)));
                 None
             }
@@ -299,7 +298,8 @@ impl Watched {
         }
     }
 
-    /// Returns whether the call writes the head. If the head finds no room, nothing depends on it after a commit.
+    /// Returns whether the call writes the head. If the head cannot be written because the disk is full, nothing
+    /// depends on it after a commit.
     fn is_head(&self, call: &Call<'_>) -> bool {
         let (Call::Write { fd, .. } | Call::Length { fd, .. }) = call else { return false };
         let Some(Opened::File(file)) = self.open.get(fd) else { return false };
@@ -403,7 +403,7 @@ impl Watched {
         self.names.iter().find(|(_, named)| **named == file).map(|(path, _)| path.as_path())
     }
 
-    /// Returns whether a planted mistake leaves this file or folder unflushed.
+    /// Returns whether an injected error omits the flush of this file or folder.
     fn forgets(&self, path: Option<&Path>, is_folder: bool) -> bool {
         let Some((sabotage, path)) = self.sabotage.zip(path) else { return false };
         sabotage.forgets_flush(path, is_folder)
@@ -429,7 +429,7 @@ impl Watched {
 impl File {
     fn after_power_cut(&self, draw: &mut Pcg64) -> Vec<u8> {
         let mut bytes = self.kept.clone();
-        // Share of the pending changes that are kept: none, all, or a part.
+        // Fraction of the pending changes that are kept: none, all, or a part.
         let share = [0.0, 0.5, 0.9, 1.0][draw.random_range(0..4)];
         for change in &self.pending {
             let kept = draw.random_bool(share);
@@ -450,7 +450,7 @@ impl File {
     }
 }
 
-/// Returns whether a file is SQLite's index of its log, which is shared memory and made again.
+/// Returns whether a file is SQLite's index of its log, which is shared memory and is created again.
 fn is_shared_memory(path: &Path) -> bool {
     path.to_string_lossy().ends_with("-shm")
 }

@@ -1,5 +1,4 @@
-//! The cell of the simulated world: its file, its recipe, the taught panel, and the store with which all worlds
-//! begin.
+//! The cell of the simulated world: its file, its recipe, the taught panel, and the store with which all worlds begin.
 
 use panelprep::cell::{self, LensExtent};
 use panelprep::cycle;
@@ -13,18 +12,17 @@ use panelprep::store::{CycleStart, Store};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 
-/// Factor by which pictures are smaller in each direction: the strongest reduction that the renderer's own tests
-/// use.
+/// Factor by which pictures are smaller in each direction: the largest reduction in the tests of the renderer.
 const REDUCTION: usize = 8;
-/// Seed of the simulated cell.
+/// Random seed of the simulated cell.
 const CELL_SEED: u64 = 3;
 
-/// A point that differs from the empty cell by more than this belongs to the panel, mm; this number of pixels
-/// around it are kept.
+/// Minimum difference of a point from the empty cell, mm, for which it is treated as a point of the panel; below it,
+/// the number of pixels around it that are kept.
 const MIN_DIFFERENCE_MM: f64 = 2.0;
 const AROUND_PX: usize = 4;
 
-/// The file that reserves space and contains no data.
+/// Name of the file that reserves disk space and contains no data.
 const RESERVE: &str = "panelprep.reserve";
 const RESERVE_BYTES: u64 = 32 << 20;
 
@@ -38,11 +36,11 @@ const CELL: &str = "[poses]\npark = { a1_deg = -120, a2_deg = -75, a3_deg = 110,
 pub struct Fixture {
     /// The cell's file.
     pub cell: cell::Cell,
-    /// The cell's setup for the loop.
+    /// The constant data of the cell for the loop.
     pub setup: Arc<CellSetup>,
     /// A cycle's share.
     pub cycle: CycleSetup,
-    /// The simulated cells with their truth, one for each scene.
+    /// The simulated cells with their ground truth, one for each scene.
     scenes: [sim::Cell; 3],
     truth: CellTruth,
     /// The files of a new store, with paths relative to its folder.
@@ -52,26 +50,26 @@ pub struct Fixture {
 /// The contents of the cell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum CellContents {
-    /// The taught panel, greasy in places.
+    /// The taught panel with greasy places.
     Greasy,
     /// The taught panel without grease.
     Clean,
     /// There is no panel.
     Nothing,
-    /// The taught panel, with grease that no disc removes.
+    /// The taught panel with grease that no disc removes.
     Stubborn,
 }
 
 impl CellContents {
-    /// Returns the contents that have the same appearance before any work.
-    pub fn looks(self) -> Self {
+    /// Returns the contents with the same appearance before any work.
+    pub fn with_initial_appearance(self) -> Self {
         if self == CellContents::Stubborn { CellContents::Greasy } else { self }
     }
 }
 
 impl Fixture {
-    /// Returns the fixture of this process.
-    pub fn get() -> &'static Fixture {
+    /// Returns the fixture that all worlds of this process share.
+    pub fn shared_fixture() -> &'static Fixture {
         static FIXTURE: OnceLock<Fixture> = OnceLock::new();
         FIXTURE.get_or_init(Fixture::new)
     }
@@ -86,8 +84,8 @@ impl Fixture {
         let cycle =
             CycleSetup::new(setup.clone(), recipe, taught, (calibrations(&scenes[0]), LensExtent::default()))
                 .expect("a corner");
-        // The loop would prepare the model in a thread of its own, which never gets time if the pool has only this
-        // thread.
+        // Otherwise the loop would prepare the model in a separate thread, which never gets processor time if the pool
+        // has only this thread.
         assert!(cycle.taught_model().is_ok(), "the taught panel can be located");
         let at = folder("template");
         // Removes the folder that an earlier process with the same process ID may have left.
@@ -104,7 +102,7 @@ impl Fixture {
         &self.scenes[stands.looks() as usize]
     }
 
-    /// Returns the 3D camera's scan.
+    /// Returns a scan of these contents by the 3D camera.
     pub fn scan(&self, stands: CellContents) -> OrganizedCloud<Camera> {
         let empty = self.scene(CellContents::Nothing).scan();
         cropped(&self.scene(stands).scan(), &self.scene(CellContents::Greasy).scan(), &empty)
@@ -115,7 +113,7 @@ impl Fixture {
         &self.truth
     }
 
-    /// Returns a cycle that the loop can begin.
+    /// Returns a cycle that is ready to begin.
     pub fn prepared(&self) -> PreparedCycle {
         let start = CycleStart {
             panel: self.cycle.panel_name().to_owned(),
@@ -129,8 +127,8 @@ impl Fixture {
         PreparedCycle { request, setup: self.cycle.clone(), start, recording: None, remarks: vec![] }
     }
 
-    /// Writes a new store into this folder. The store's reserve has its length but no blocks, because a world's
-    /// disk becomes full only by a fault.
+    /// Writes a new store into this folder. The reserve file has its length but no blocks, because a world's disk
+    /// becomes full only by an injected fault.
     pub fn put_store(&self, to: &Path) {
         std::fs::create_dir_all(to.join("blobs")).expect("a folder");
         for (name, bytes) in &self.store {
@@ -156,7 +154,7 @@ fn files(root: &Path, folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
     found
 }
 
-/// Returns a folder for this process, in memory if the system has one.
+/// Returns a folder for this process, in memory if the system has a file system in memory.
 pub fn folder(name: &str) -> PathBuf {
     let memory = Path::new("/dev/shm");
     let parent = if memory.is_dir() { memory.to_owned() } else { std::env::temp_dir() };
@@ -201,9 +199,9 @@ fn taught(sim: &sim::Cell, empty: &sim::Cell, recipe: &Recipe) -> (TaughtPanel, 
     (panel, corners)
 }
 
-/// Returns the scan without points far from a panel. The arm keeps clear of everything that was scanned, and
-/// checking each point of the fixture takes longer than everything else in a world. The panel is at the points at
-/// which `with` differs from the empty cell.
+/// Returns the scan without points far from a panel, because the arm keeps its distance from every scanned point, and
+/// checking each point of the fixture would take longer than everything else in a world. The points of the panel are
+/// those in which `with` differs from the empty cell.
 fn cropped(
     scan: &OrganizedCloud<Camera>,
     with: &OrganizedCloud<Camera>,

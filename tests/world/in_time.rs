@@ -1,47 +1,49 @@
-//! The actions that the state machine must perform in time, judged by the true state of robot, controller and disk. The
-//! cell does not work with a robot that is not ready and does not wait endlessly for an answer. No cycle continues
+//! Checks that the state machine performs its actions in time, from the true state of robot, controller and disk. The
+//! cell must not work with a robot that is not ready, and must not wait endlessly for an answer. No cycle may continue
 //! after a restart of the controller or with a full disk.
 
 use super::disk;
 use super::inside::Inside;
 use panelprep::cycle::{Action, At, Id, Robot, State};
 
-/// Longest time for an answer that needs only a state of the controller, ms; `MAX_COMPUTED_ANSWER_MS` is the longest
+/// Maximum time for an answer that only needs a state of the controller, ms; `MAX_COMPUTED_ANSWER_MS` is the maximum
 /// time for a computed answer.
-const ANSWER_MS: u64 = 5_000 + 500;
+const MAX_ANSWER_MS: u64 = 5_000 + 500;
 const MAX_COMPUTED_ANSWER_MS: u64 = 60_000 + 500;
-/// Time after which the loop must know that the robot cannot move, ms, and number of the loop's checks by then.
+/// Maximum time until the loop must have detected that the robot cannot move, ms, and below it the number of checks of
+/// the loop within this time.
 const MAX_UNABLE_MS: u64 = 1_000;
 const UNABLE_CHECKS: u32 = 20;
-/// Longest time until the cell is held because the disk is full, ms.
+/// Maximum time until the cell is held because the disk is full, ms.
 const MAX_HOLD_DELAY_MS: u64 = 1_500;
 
-/// Observations of one process.
+/// The observations of one process.
 #[derive(Debug, Default)]
 pub struct InTime {
-    /// The expected answer, the time since which it is expected, and the total time of writes by then.
+    /// The expected answer, the time since which it is expected, and the total time of writes at that time, ms.
     due: Option<(Id, u64, u64)>,
-    /// Time since which the controller cannot move the arm while the cell works, and the number of checks since then.
+    /// Time since which the controller cannot move the arm while a cycle is running, ms, and the number of checks since
+    /// then.
     unable: Option<(u64, u32)>,
-    /// The controller's number of starts when the cell was held, and whether the robot was disconnected since.
+    /// The number of restarts of the controller when the cell was held, and whether the robot was disconnected since.
     held: Option<(u32, bool)>,
-    /// Time since which the disk is full while the cell works, and the total time of writes by then.
+    /// Time since which the disk is full while a cycle is running, and the total time of writes at that time, ms.
     full: Option<(u64, u64)>,
     was_full: bool,
 }
 
 /// Returns whether the state moves the arm or leads to a motion.
-fn works(at: At) -> bool {
+fn is_working(at: At) -> bool {
     use At as A;
     matches!(at, A::Resetting | A::Starting | A::Execute(_) | A::Unholding { .. } | A::Completing { .. })
 }
 
 impl InTime {
-    /// Checks the times at each state that the loop shows.
+    /// Checks the time limits at each state that the loop reports.
     pub fn look(&mut self, world: &mut Inside, state: &State) {
         self.answers(world, state);
         self.readiness(world, state);
-        self.starts(world, state);
+        self.check_restarts(world, state);
         self.full_disk(world, state);
     }
 
@@ -58,7 +60,7 @@ impl InTime {
             | Action::OpenEpoch { .. }
             | Action::EndEpoch { .. }
             | Action::SetFrames(_)
-            | Action::Switch(_) => ANSWER_MS,
+            | Action::Switch(_) => MAX_ANSWER_MS,
             _ => MAX_COMPUTED_ANSWER_MS,
         };
         world.counts.judged("answers in time");
@@ -71,13 +73,13 @@ impl InTime {
     fn readiness(&mut self, world: &mut Inside, state: &State) {
         let robot = state.facts.robot;
         world.counts.judged("a robot that is not ready");
-        if works(state.at) && !matches!(robot, Robot::Ready | Robot::Unknown) {
+        if is_working(state.at) && !matches!(robot, Robot::Ready | Robot::Unknown) {
             world.wrong("a robot that is not ready", format!("{:?} with the robot {robot:?}", state.at));
         }
         let now_ms = world.now_ms();
-        // While the link is stalled, the cell does not learn that the controller cannot move the arm.
+        // While the client is stalled, the cell does not receive the report that the controller cannot move the arm.
         let hears = now_ms > world.cell.client_stalls_until_ms;
-        if world.cell.controller.can_move() || !works(state.at) || world.is_strange() || !hears {
+        if world.cell.controller.can_move() || !is_working(state.at) || world.is_strange() || !hears {
             self.unable = None;
             return;
         }
@@ -89,9 +91,9 @@ impl InTime {
         }
     }
 
-    /// Checks that a held cycle does not continue after a start of the controller, because the controller then knows
+    /// Checks that a held cycle does not continue after a restart of the controller, because the controller then knows
     /// nothing about the held cell.
-    fn starts(&mut self, world: &mut Inside, state: &State) {
+    fn check_restarts(&mut self, world: &mut Inside, state: &State) {
         if !matches!(state.at, At::Held(_)) {
             self.held = None;
             return;
@@ -100,14 +102,14 @@ impl InTime {
         let (before, was_gone) = self.held.get_or_insert((reboots, false));
         let is_ready = state.facts.robot == Robot::Ready;
         *was_gone |= *before < reboots && !is_ready;
-        // The controller may have reported a false number of its start.
+        // The controller may have reported a wrong number of restarts.
         if *was_gone && is_ready && world.oracles.strange_epoch == 0 {
             world.wrong("a controller's start", format!("{:?} outlives a start of the controller", state.at));
         }
         world.counts.judged("a controller's start");
     }
 
-    /// Notes the first time that a process finds its disk full.
+    /// Records the first time at which a process detects that its disk is full.
     fn full_disk(&mut self, world: &mut Inside, state: &State) {
         let works = matches!(state.at, At::Execute(_) | At::Unholding { .. });
         let is_new = disk::was_full() && !std::mem::replace(&mut self.was_full, disk::was_full());

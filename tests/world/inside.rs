@@ -1,8 +1,8 @@
-//! The inside of a world: link, controller, arm and terminals in one virtual time, and the faults that strike them.
+//! The inside of a world: client, controller, arm and terminals in one virtual time, and the injected faults.
 //!
-//! The loop's ports share this state. Time passes while the loop waits for the robot, and at no other moment.
-//! `counts`: the findings · `striking`: the faults · `places`: where the arm may be, and at which override · `truth`:
-//! what the controller does, independent of what it and the client report.
+//! The ports of the loop share this state. Time passes only while the loop waits for the robot. `counts`: the findings
+//! · `striking`: the faults · `places`: where the arm may be, and at which override · `truth`: what the controller
+//! does, independent of what it and the client report.
 
 mod counts;
 mod places;
@@ -32,32 +32,32 @@ use panelprep::geometry::{Base, Joints, Panel, Rigid, Tool};
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// The arm's pose before the first cycle: `[poses] ready`.
+/// The axis positions of the arm before the first cycle: `[poses] ready`.
 const START: Joints =
     Joints { a1_deg: 0.0, a2_deg: -120.0, a3_deg: 145.0, a4_deg: 0.0, a5_deg: -25.0, a6_deg: 90.0 };
-/// The tool is on the panel if its tip is this near to the surface, mm.
+/// Maximum height of the tip above the surface at which the tool is treated as being on the panel, mm.
 const MAX_CONTACT_HEIGHT_MM: f64 = 1.0;
 /// Sum of the times of the controller's watchdog, of a message in transit, and of the controller's program, ms.
 const WATCHDOG_DELAY_MS: u64 = 400 + 300;
 
-/// The waypoints that the record permits for a contact path.
+/// The waypoints of a contact path that the record permits.
 #[derive(Debug, Clone, Copy)]
 pub enum Permit {
     /// The path begins, with this number of waypoints.
     Begins(u32),
     /// The path continues to this number of waypoints.
     Continues(u32),
-    /// The permission is over.
+    /// The permission ends.
     Ends,
 }
 
-/// An entry of the script that has not struck yet.
+/// An entry of the script that has not occurred yet.
 struct Pending {
     entry: Entry,
     due_ms: Option<u64>,
 }
 
-/// Link, controller, arm and their surroundings.
+/// Client, controller, arm and their environment.
 pub struct Inside {
     pub cell: Cell,
     pub oracles: Oracles,
@@ -65,34 +65,34 @@ pub struct Inside {
     tampering: Arc<Mutex<Tampering>>,
     pub stands: CellContents,
     script: Vec<Pending>,
-    /// Time since which the controller has ended an epoch that the session still considers open, ms.
+    /// Time since which the controller has ended an epoch that the session still treats as open, ms.
     pub ended_since_ms: Option<u64>,
-    /// Time since which the tool or the extraction is reported as stopped while the pad is on its path.
+    /// Time since which the tool or the extraction is reported as stopped while the pad is on its path, ms.
     pub dead_since_ms: Option<u64>,
     /// Time until which the effects of all faults last, ms.
     pub lasts_until_ms: u64,
     /// Time until which the effects of all faults last, except feedbacks that do not follow their outputs, ms.
     pub others_last_until_ms: u64,
-    /// Whether a fault has struck whose effect may come later: half a message in a buffer, or a base that will be wrong
-    /// when it is set next.
+    /// Whether a fault has occurred whose effect may come later: half a message in a buffer, or a base that will be
+    /// wrong when it is set next.
     pub lingers: bool,
-    /// Whether the reported pose of the arm may be false.
+    /// Whether the reported pose of the arm may be wrong.
     pub places_lie: bool,
     place: &'static str,
     visits: BTreeMap<&'static str, u32>,
     /// Requests of people that are not processed yet.
     pub pressed: VecDeque<Press>,
-    /// The fault of the scanner and of the flange camera, and the time until which it lasts.
+    /// The faults of the scanner and of the flange camera, and the times until which they last.
     pub cameras: [Option<(CameraHarm, u64)>; 2],
     home_at_ms: Option<u64>,
-    /// The additional time of each write, and until when, ms.
+    /// The additional time of each write, and the time until which it applies, ms.
     slow_disk: Option<(u64, u64)>,
-    /// Total time for which slow writes have delayed the loop, ms.
+    /// Total time by which slow writes have delayed the loop, ms.
     pub written_ms: u64,
-    /// Time after the last fault in which no person ends the current work, ms, and the time of that fault.
+    /// Time after the last fault in which no person ends the present work, ms, and below it the time of this fault.
     pub aftermath_ms: u64,
     pub struck_ms: u64,
-    /// Until this time the people who run the cell request nothing, ms.
+    /// Time until which the people who run the cell request nothing, ms.
     pub away_until_ms: u64,
     pub truth: Truth,
     pub places: Places,
@@ -104,15 +104,16 @@ pub struct Inside {
     pub backup: Option<Backup>,
     /// Whether the next cycle is for another part.
     pub is_another_part: bool,
-    /// Number of passes of the present part that a restored store lacks, and whether the next start states it.
+    /// Number of passes over the present part that are missing in a restored store, and whether the next start states
+    /// them.
     pub lost_passes: usize,
     pub states_lost_passes: bool,
     /// The planned end of the process at one of its writes.
     pub power: Option<Power>,
     pub counts: Counts,
     pub violation: Option<Violation>,
-    /// Motions that were executed before the present contact path, and the number of its motions that the record
-    /// permits.
+    /// Number of motions that were executed before the present contact path, and the number of its motions that the
+    /// record permits.
     permitted: Option<(usize, u32)>,
     /// The epoch and the first command of the present contact path.
     contact: Option<(Epoch, CommandId)>,
@@ -120,16 +121,16 @@ pub struct Inside {
     pub aims: Aims,
     /// Time since which no bytes of the client arrive, ms.
     deaf_since_ms: u64,
-    /// The mistake that is planted.
+    /// The error that is injected into the program, if any.
     pub sabotage: Option<Sabotage>,
 }
 
-/// The world, as the ports of a loop share it.
+/// The world that the ports of a loop share.
 #[derive(Clone)]
 pub struct Shared(Arc<Mutex<Inside>>);
 
 impl Shared {
-    /// Returns a world in which this script will strike.
+    /// Returns a world in which the faults of this script will occur.
     pub fn new(
         stands: CellContents,
         link: ((u64, u64), Option<Programs>),
@@ -158,7 +159,7 @@ fn height_mm(controller: &Controller) -> f64 {
     fixture.truth().distance_mm(panel_from_tool.origin()).abs()
 }
 
-/// Returns the link's limits from the cell's file, with those that a planted mistake changes.
+/// Returns the limits of the connection from the cell's file, with those that an injected error changes.
 fn limits(sabotage: Option<Sabotage>) -> LinkLimits {
     let limits = link_limits(&Fixture::get().cell);
     sabotage.map_or(limits, |sabotage| sabotage.limits(limits))
@@ -170,7 +171,7 @@ pub fn session(sabotage: Option<Sabotage>) -> Session {
 }
 
 impl Inside {
-    /// Jogs the arm to its park pose, as a person does, if the arm is at rest.
+    /// Jogs the arm to its park pose, as a person does, if the arm is stationary.
     pub fn jogs_to_park(&mut self) {
         if self.cell.controller.jog_to(super::fixture::Fixture::get().setup.park_pose) {
             self.oracles.jogged(self.cell.controller.joints());
@@ -252,7 +253,7 @@ impl Inside {
         self.violation.get_or_insert_with(|| Violation { judge, what: format!("{now_ms} ms: {what}") });
     }
 
-    /// Notes that the cycle's state machine has reached this state.
+    /// Records that the cycle's state machine has reached this state.
     pub fn comes_to(&mut self, at: At) {
         let place = script::place(at);
         if place == self.place {
@@ -270,7 +271,7 @@ impl Inside {
         }
     }
 
-    /// Returns whether a fault still has to strike at a moment that has come, or lasts.
+    /// Returns whether a fault is due but has not occurred yet, or lasts.
     pub fn is_troubled(&self) -> bool {
         self.script.iter().any(|pending| pending.due_ms.is_some())
             || self.now_ms() < self.lasts_until_ms
@@ -279,8 +280,8 @@ impl Inside {
             || disk::is_armed()
     }
 
-    /// Returns whether no fault strikes or lasts except a feedback that does not follow its output, and messages
-    /// arrive as they were sent.
+    /// Returns whether no fault is due or lasts, except a feedback that does not follow its output, and messages arrive
+    /// as they were sent.
     pub fn is_calm_but_for_feedback(&self) -> bool {
         let tampering = self.tampering.lock().unwrap_or_else(PoisonError::into_inner);
         self.cell.all_heard()
@@ -292,7 +293,7 @@ impl Inside {
             && tampering.lies.is_empty()
     }
 
-    /// Returns whether an entry may still strike, or an earlier fault may still have an effect.
+    /// Returns whether a fault may still occur, or an earlier fault may still have an effect.
     pub fn may_strike(&self) -> bool {
         !self.script.is_empty()
             || self.is_troubled()
@@ -308,7 +309,7 @@ impl Inside {
         *self.tampering.lock().unwrap_or_else(PoisonError::into_inner) = Tampering::default();
     }
 
-    /// Performs one event of the cell, at this time at the latest.
+    /// Performs the next event of the cell, if it is due until this time.
     pub fn step(&mut self, end_ms: u64) {
         let next_ms = self.script.iter().filter_map(|pending| pending.due_ms).min().unwrap_or(u64::MAX);
         let soon_ms = end_ms.min(next_ms.max(self.now_ms() + 1));
@@ -318,7 +319,7 @@ impl Inside {
         let before = applied(tampering);
         cell.step(soon_ms, oracles);
         if applied(tampering) > before {
-            self.distrust();
+            self.mark_reports_unreliable();
         }
         self.strike_due();
         self.work_with_another_program();
@@ -329,7 +330,7 @@ impl Inside {
         self.take_violation();
     }
 
-    /// Notes a permit that the store has acknowledged.
+    /// Records a permission that the store has acknowledged.
     pub fn permits(&mut self, permit: Permit) {
         self.permitted = match (permit, self.permitted) {
             (Permit::Begins(count), _) => Some((self.cell.controller.executed_motions().len(), count)),
@@ -341,7 +342,7 @@ impl Inside {
         }
     }
 
-    /// Notes that the client accepts a path to send: these points, the last of which has this id.
+    /// Records that the client accepts a path to send: these points, the last of which has this ID.
     pub fn queued(&mut self, points: &[MoveLin], last: CommandId, speed_m_s: f64) {
         let Some(epoch) = self.open_epoch() else { return };
         self.oracles.lasts(epoch, last, points, speed_m_s);
@@ -352,7 +353,7 @@ impl Inside {
         }
     }
 
-    /// Lets the time of a write to the disk pass, while link and controller continue.
+    /// Advances the time by the duration of a write to the disk, while client and controller continue.
     pub fn writes(&mut self) {
         let Some((late_ms, until_ms)) = self.slow_disk else { return };
         if self.now_ms() >= until_ms {
@@ -390,14 +391,14 @@ impl Inside {
     }
 
     /// Returns the number of motions that were executed since the present contact path was opened; `None` if another
-    /// client has sent something.
+    /// client has sent commands.
     pub fn executed_on_path(&self) -> Option<usize> {
         let (before, _) = self.permitted.filter(|_| !self.is_strange())?;
         Some(self.executed_since(before))
     }
 
     /// Returns the number of executed commands of the present contact path after the first `before` executed ones. If
-    /// the disk refused the path's end, the path may be open on the record while later motions are executed.
+    /// the disk refused the end of the path, the path may still be open in the record while later motions are executed.
     fn executed_since(&self, before: usize) -> usize {
         let Some((epoch, first)) = self.contact else { return 0 };
         let is_on_path =
@@ -405,7 +406,7 @@ impl Inside {
         self.cell.controller.executed_motions().iter().skip(before).filter(is_on_path).count()
     }
 
-    /// Checks that tool and water go off when the controller has received nothing from its client for the
+    /// Checks that tool and water are switched off when the controller has received nothing from its client for the
     /// watchdog's time.
     fn judge_watchdog(&mut self) {
         let now_ms = self.now_ms();
@@ -430,7 +431,7 @@ impl Inside {
         }
     }
 
-    /// Lets time pass in which no process of the program runs.
+    /// Advances the time in which no process of the program runs.
     pub fn without_process(&mut self, ms: u64) {
         let end_ms = self.now_ms() + ms;
         let mut tool_ms = 0;
@@ -470,7 +471,7 @@ impl Inside {
         self.cell.controller.trace().iter().filter(|sample| sample.time_ms <= until_ms).copied().collect()
     }
 
-    /// Returns the epoch that the session has open.
+    /// Returns the open epoch of the session.
     pub fn open_epoch(&self) -> Option<Epoch> {
         self.cell.session.epoch()
     }
@@ -480,7 +481,7 @@ impl Inside {
         height_mm(&self.cell.controller)
     }
 
-    /// Returns whether another client has sent something in the present epoch.
+    /// Returns whether another client has sent commands in the present epoch.
     pub fn is_strange(&self) -> bool {
         self.cell.controller.epoch() <= self.oracles.strange_epoch
     }

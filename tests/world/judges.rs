@@ -1,24 +1,24 @@
-//! The requirements at every moment of a world, in addition to the link's own oracles for client and arm. They are
-//! judged by the controller's outputs and axes, not by the program's belief.
+//! The requirements at every moment of a world, in addition to the oracles of the connection for client and arm. They
+//! are checked on the controller's outputs and axes, not on the data of the program.
 
 use super::fixture::CellContents;
 use super::inside::Inside;
 use panelprep::cycle::{self, At, Epoch, Lens, Light, Path, Robot, State, Tool};
 use panelprep::verdict::Verdict;
 
-/// Time limit for a stop, which ends within `[limits] stop_deadline_s`, and an abort that follows within the
-/// watchdog and a retract, ms.
+/// Maximum time for a stop, ms: it ends within `[limits] stop_deadline_s`, and a following abort ends within the time
+/// of the watchdog and a retract.
 const STOP_MS: u64 = 10_000 + MAX_ABORT_MS;
 const MAX_ABORT_MS: u64 = 3_000;
-/// Largest age of a fact compared with the controller's outputs: the delay of a state in transit, and the time of the
-/// controller's own program, ms.
+/// Maximum age of a fact that is compared with the controller's outputs, ms: the delay of a state in transit, and the
+/// time of the controller's own program.
 const MAX_FACT_AGE_MS: u64 = 300;
-/// Longest time for a reaction to contrary feedback: half a second of waiting, and the delay of messages, ms.
+/// Maximum time for a reaction to a contradicting feedback, ms: half a second of waiting, and the delay of messages.
 const MAX_CONTRARY_FEEDBACK_MS: u64 = 500 + 2 * MAX_FACT_AGE_MS;
 const PARKED_DEG: f64 = 0.2;
 
-/// Judges each state that the loop shows.
-pub fn look(world: &mut Inside, state: &State, stopping: &mut Option<(cycle::Request, u64)>) {
+/// Checks each state that the loop reports.
+pub fn check_state(world: &mut Inside, state: &State, stopping: &mut Option<(cycle::Request, u64)>) {
     stops(world, state, stopping);
     agrees(world, state);
     leaves_the_panel(world, state);
@@ -35,7 +35,7 @@ fn stops(world: &mut Inside, state: &State, stopping: &mut Option<(cycle::Reques
     let Some((request, since_ms)) = *stopping else { return };
     let is_over = state.at.is_at_rest();
     let bound_ms = if request == cycle::Request::Stop { STOP_MS } else { MAX_ABORT_MS };
-    // The time for which faults block link and controller is added to the allowed time of a stop.
+    // The time for which faults block connection and controller is added to the maximum time of a stop.
     let bound_ms = bound_ms + world.lasts_until_ms.saturating_sub(since_ms).min(20_000);
     world.counts.judged("stop");
     if is_over {
@@ -46,7 +46,7 @@ fn stops(world: &mut Inside, state: &State, stopping: &mut Option<(cycle::Reques
     }
 }
 
-/// Checks that the state machine never does certain actions, whatever the cell reports.
+/// Checks that the state machine never performs certain actions, whatever the cell reports.
 fn keeps_rules(world: &mut Inside, state: &State) {
     let (pass, most) = (state.job.pass, state.job.max_passes);
     if pass > most && state.job.running {
@@ -122,13 +122,13 @@ fn agrees(world: &mut Inside, state: &State) {
     }
 }
 
-/// Judges the cell when a 3D shot is about to be taken.
+/// Checks the cell when a 3D shot is about to be captured.
 pub fn scans(world: &mut Inside) {
     let park = super::fixture::Fixture::get().setup.park_pose;
     let is_parked = world.cell.controller.joints().max_difference_deg(&park) <= PARKED_DEG;
     let moves = world.cell.controller.is_moving();
     let is_lit = world.is_on(1);
-    // A program that receives false reports, or was just disturbed, may well be wrong.
+    // The facts of a program that receives wrong reports, or was just disturbed, may be wrong.
     let is_known = !world.is_strange() && world.now_ms() > world.lasts_until_ms;
     world.counts.judged("interlocks");
     if (!is_parked || moves || is_lit) && is_known {
@@ -136,7 +136,7 @@ pub fn scans(world: &mut Inside) {
     }
 }
 
-/// Checks a cycle's verdict.
+/// Checks the verdict of a cycle.
 pub fn concluded(world: &mut Inside, verdict: Verdict) {
     world.counts.judged("verdict");
     let is_untrue = match world.stands {
@@ -151,7 +151,7 @@ pub fn concluded(world: &mut Inside, verdict: Verdict) {
     }
 }
 
-/// Judges the verdict of a cycle in which nothing went wrong, and that a person stops only after repeated holds.
+/// Checks the verdict of a cycle without faults, and that a person stops it only after repeated holds.
 pub fn ends_by_itself(world: &mut Inside, verdict: Verdict) {
     world.counts.judged("a cycle without trouble");
     if verdict == Verdict::Aborted {

@@ -1,11 +1,11 @@
-//! Processes of the system that are killed at any moment. The loop of a world runs in a separate process, which is
-//! killed (SIGKILL) somewhere in its work, also within a system call. The acknowledgements that it received from the
-//! store come through a pipe. Then a process starts on the store, which must contain everything acknowledged; the next
-//! process continues with the same store, until one of them reaches its end.
+//! Kills processes of the system at any moment. The loop of a world runs in a separate process, which is killed
+//! (SIGKILL) during its work, also within a system call. The acknowledgements that the process received from the store
+//! are sent through a pipe. Then another process starts on the store, which must contain everything that was
+//! acknowledged; it continues with this store, until one of the processes reaches its end.
 //!
-//! The disk is the system's own and not `disk`'s, so no power is lost here, and a world's own kills and disk faults
-//! are left out. A process is a copy of this one (`fork`), so that pictures and results that are stored for all worlds
-//! need not be made again. This process must have one thread.
+//! The disk is that of the system and not `disk`, so no power failure is simulated here, and a world's own kills and
+//! disk faults are omitted. Each process is a copy of this one (`fork`), so that pictures and results that are stored
+//! for all worlds need not be computed again. This process must have only one thread.
 #![allow(unsafe_code, reason = "a copy of the process is made by the system's own call")]
 
 use super::fixture::{self, Fixture};
@@ -23,30 +23,31 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// Latest time at which a process is killed; most worlds take less.
+/// Maximum time after which a process is killed; most worlds take less time.
 const MAX_KILL_DELAY: Duration = Duration::from_millis(45);
 /// Maximum number of processes on one store.
 const MAX_PROCESSES: u64 = 12;
-/// Prefix of the line with which a process reports a violation; `END` is the line of a process that ended without one.
+/// Prefix of the line with which a process reports a violation; `END` is the line of a process that ended without a
+/// violation.
 const WRONG: &str = "wrong ";
 const END: &str = "end";
 
-/// The counts and the violations of the runs in which processes are killed.
+/// The counts and the violations of all runs with killed processes.
 #[derive(Debug, Default)]
 pub struct Killed {
     /// Number of processes that were killed.
     pub kills: u64,
-    /// Number of processes that ended before they were killed.
+    /// Number of processes that ended before they could be killed.
     pub ended: u64,
     /// Number of commands that their stores acknowledged.
     pub acknowledged: u64,
-    /// Number of stores that were followed to the end.
+    /// Number of stores whose last process reached its end.
     pub stores: u64,
     /// The violations, each with its seed.
     pub violations: Vec<(u64, Violation)>,
 }
 
-/// Kills processes of these seeds' worlds, until this number is killed; with a mistake in them, if one is given.
+/// Runs the worlds of these seeds, until this number of processes were killed; with an injected error, if one is given.
 pub fn kills(from: u64, count: u64, sabotage: Option<Sabotage>) -> Killed {
     let mut killed = Killed::default();
     let mut seed = from;
@@ -63,7 +64,7 @@ fn wrong(judge: &'static str, what: String) -> Violation {
     Violation { judge, what }
 }
 
-/// Runs processes on one store, one after the other, until one of them ends by itself.
+/// Runs processes on one store, one after the other, until one of them reaches its end.
 fn one_store(seed: u64, sabotage: Option<Sabotage>, killed: &mut Killed) -> Result<(), Violation> {
     let folder = fixture::folder("killed");
     let _ = std::fs::remove_dir_all(&folder);
@@ -110,7 +111,7 @@ fn run_and_kill(world: &World, folder: &Path, ledger: &Ledger, patience: Option<
     let mut ends: [RawFd; 2] = [0; 2];
     // SAFETY: the call writes two descriptors to this address.
     assert_eq!(unsafe { libc::pipe(ends.as_mut_ptr()) }, 0, "a pipe");
-    // SAFETY: both are new and have no other owner. The pipe has room for all output of a world.
+    // SAFETY: both are new and have no other owner. The pipe has space for all output of a world.
     let (mut reads, writes) = unsafe {
         libc::fcntl(ends[1], libc::F_SETPIPE_SZ, 1 << 20);
         (File::from_raw_fd(ends[0]), File::from_raw_fd(ends[1]))
@@ -123,7 +124,7 @@ fn run_and_kill(world: &World, folder: &Path, ledger: &Ledger, patience: Option<
             drop(writes);
             if let Some(patience) = patience {
                 std::thread::sleep(patience);
-                // SAFETY: the copy is this process's own child, and was not waited for yet.
+                // SAFETY: the copy is a child of this process, and was not waited for yet.
                 unsafe { libc::kill(copy, libc::SIGKILL) };
             }
             let mut reported = String::new();
@@ -149,6 +150,6 @@ fn in_the_copy(world: &World, folder: &Path, ledger: &Ledger, writes: File) -> !
     };
     let _ = (&*writes).write_all(line.as_bytes());
     disk::leave();
-    // SAFETY: ends the copy at once, so that resources shared with the original process are not closed twice.
+    // SAFETY: ends the copy immediately, so that resources shared with the original process are not closed twice.
     unsafe { libc::_exit(0) }
 }

@@ -1,5 +1,5 @@
-//! The acknowledgements of the store, recorded outside of it. After every start, whatever ended the process before,
-//! the store must contain all of them.
+//! The acknowledgements of the store, recorded outside of the store. After every start, whatever ended the process
+//! before, the store must contain all of them.
 
 use super::touched::Touched;
 use panelprep::cycle::{At, Event, Motion, Request, State};
@@ -22,7 +22,7 @@ pub struct Ledger {
     /// The journal's events.
     events: Vec<Event>,
     verdicts: BTreeMap<CycleId, Verdict>,
-    /// The verdict that the loop is about to write for a cycle; the events that led to it are in the journal.
+    /// The verdict that the loop is about to write for a cycle; the events that led to the verdict are in the journal.
     decided: BTreeMap<CycleId, Verdict>,
     /// For each cycle, the number of waypoints of each contact path that may be sent.
     permitted: BTreeMap<CycleId, Vec<u32>>,
@@ -34,15 +34,15 @@ pub struct Ledger {
     open: Option<Motion>,
     /// The present cycle.
     pub cycle: Option<CycleId>,
-    /// The last cycle that ever began, even if its store was replaced since.
+    /// The last cycle that ever began, even if its store was replaced later.
     last: Option<CycleId>,
     /// The grids that the arm touched.
     pub touched: Touched,
-    /// The file that also receives each acknowledgement, for a reader that outlives this process.
+    /// The file that also receives each acknowledgement, for a reader that continues after this process has ended.
     pub told_to: Option<Arc<File>>,
 }
 
-/// The part of a command that is needed when its answer comes.
+/// The data of a command that are needed when its answer arrives.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 pub enum CommandSummary {
     Event(Event),
@@ -59,9 +59,9 @@ pub enum CommandSummary {
     Nothing,
 }
 
-/// Checks that no record has a verdict that is better than its worst finding, and checks the conditions of a pass once
-/// more.
-fn earned(record: &CycleRecord) -> Result<(), String> {
+/// Checks that no record has a verdict that is better than its worst finding, and checks the conditions of a pass
+/// again.
+fn check_verdict(record: &CycleRecord) -> Result<(), String> {
     if let Some(words) = record.verdict_contradictions().first() {
         return Err(words.clone());
     }
@@ -79,7 +79,7 @@ fn earned(record: &CycleRecord) -> Result<(), String> {
         let is_bad = match found(index) {
             (_, Verdict::Reject | Verdict::Invalid | Verdict::Aborted) => true,
             (_, Verdict::Review) => !decided(index),
-            // The last finding is that of a film, or of an air-run's motion.
+            // The last finding is that of a film, or of the motion of an air-run.
             (_, Verdict::Fail) => index + 1 == record.findings.len(),
             (_, Verdict::Accept | Verdict::Pass) => false,
         };
@@ -117,13 +117,13 @@ impl Ledger {
         self.last
     }
 
-    /// Notes a command that the store has acknowledged.
+    /// Records a command that the store has acknowledged.
     pub fn acknowledged(&mut self, told: CommandSummary, answer: &RecordAnswer) {
         let begun = if let RecordAnswer::Cycle(cycle) = answer { Some(*cycle) } else { None };
         self.record(told, begun);
     }
 
-    /// Notes the verdict that the loop is about to write.
+    /// Records the verdict that the loop is about to write.
     pub fn decided(&mut self, verdict: Verdict) {
         self.record(CommandSummary::Decided(verdict), None);
     }
@@ -136,10 +136,10 @@ impl Ledger {
         self.apply(told, begun);
     }
 
-    /// Notes an acknowledgement that was read as a line of `told_to`.
+    /// Records an acknowledgement that was read as a line of `told_to`.
     ///
     /// # Errors
-    /// If the text is not such a line.
+    /// If the text is not a line of this file.
     pub fn take_line(&mut self, line: &str) -> Result<(), String> {
         let (told, begun) = serde_json::from_str(line).map_err(|error| format!("{line}: {error}"))?;
         self.apply(told, begun);
@@ -177,11 +177,10 @@ impl Ledger {
         }
     }
 
-    /// Starts on this store as a process would, and checks whether the store contains everything that was
-    /// acknowledged.
+    /// Starts on this store as a process would, and checks whether the store contains everything that was acknowledged.
     ///
     /// # Errors
-    /// A message: why the process cannot start, or what the store does not contain.
+    /// If the process cannot start, or the store is incomplete; the message states why or what is missing.
     pub fn check_start(&mut self, folder: &Path) -> Result<(), String> {
         let words = |error: StoreError| error.to_string();
         let mut store = Store::create(folder).map_err(words)?;
@@ -191,7 +190,7 @@ impl Ledger {
         Ok(())
     }
 
-    /// Notes a cycle that begins; returns whether its number was never used before.
+    /// Records the beginning of a cycle; returns whether its number was never used before.
     pub fn is_new(&mut self, cycle: CycleId) -> bool {
         self.last.replace(cycle).is_none_or(|last| last < cycle)
     }
@@ -210,11 +209,10 @@ impl Ledger {
         hasher.finish()
     }
 
-    /// Checks, after a start, whether the store contains everything that was acknowledged, and in which state it
-    /// rests.
+    /// Checks, after a start, whether the store contains everything that was acknowledged, and the state of the cell.
     ///
     /// # Errors
-    /// A message that states what the store does not contain.
+    /// If the store is incomplete; the message states what is missing.
     pub fn check(&mut self, store: &Store, rested: &State) -> Result<(), String> {
         let words = |error: &dyn std::error::Error| error.to_string();
         if let Some(changed) = store.changed().first() {
@@ -252,7 +250,7 @@ impl Ledger {
             return Err(format!("cycles {open:?} have no end, running {}", left.job.running));
         }
         self.cycles(store)?;
-        // A start keeps a verdict that was decided but not yet reported; a pass by a film ends the part's count.
+        // A start keeps a verdict that was decided but not yet reported; a pass by a film resets the part's count.
         if let Some(last) = self.decided.keys().next_back() {
             let record = store.cycle(*last).map_err(|error| words(&error))?;
             let verdict = record.judgement.as_ref().map(|judgement| judgement.verdict);
@@ -270,12 +268,12 @@ impl Ledger {
         let told = told.chain(self.decided.keys()).chain(self.permitted.keys()).chain(self.touched.cycles());
         told.collect::<BTreeSet<_>>().into_iter().try_for_each(|cycle| {
             let record = store.cycle(*cycle).map_err(|error| error.to_string())?;
-            self.cycle_holds(*cycle, &record).map_err(|words| format!("cycle {cycle}: {words}"))
+            self.check_cycle(*cycle, &record).map_err(|words| format!("cycle {cycle}: {words}"))
         })
     }
 
-    /// Returns whether the record of a cycle holds everything that was acknowledged for it.
-    fn cycle_holds(&self, cycle: CycleId, record: &CycleRecord) -> Result<(), String> {
+    /// Checks that the record of a cycle contains everything that was acknowledged for the cycle.
+    fn check_cycle(&self, cycle: CycleId, record: &CycleRecord) -> Result<(), String> {
         let kept = record.judgement.as_ref().map(|judgement| judgement.verdict);
         if let Some(verdict) = self.verdicts.get(&cycle).filter(|verdict| kept != Some(**verdict)) {
             return Err(format!("it was concluded as {}, the store has {kept:?}", verdict.keyword()));
@@ -310,7 +308,7 @@ impl Ledger {
     /// store is as it was written, and that every cycle has an end.
     ///
     /// # Errors
-    /// A message that states what is wrong.
+    /// If one of these requirements is violated; the message describes the violation.
     pub fn close(&self, folder: &Path) -> Result<(), String> {
         let words = |error: &dyn std::error::Error| error.to_string();
         let verified = Store::verify(folder, true).map_err(|error| words(&error))?;
@@ -324,7 +322,7 @@ impl Ledger {
         }
         for cycle in store.ended_cycles().map_err(|error| words(&error))? {
             let record = store.cycle(cycle).map_err(|error| words(&error))?;
-            earned(&record).map_err(|words| format!("cycle {cycle}: {words}"))?;
+            check_verdict(&record).map_err(|words| format!("cycle {cycle}: {words}"))?;
             let beyond = |motion: &&MotionRecord| {
                 motion.contact.as_ref().is_some_and(|contact| motion.done > contact.permitted)
             };

@@ -1,7 +1,8 @@
-//! The C library's calls that write to a disk, before they reach the system: see `disk`.
+//! Replacements for the C library's calls that write to a disk: see `disk`.
 //!
-//! Each function does the same as the library's, by the system call itself. If this thread listens, `disk` is asked
-//! before and informed after. Other threads of the program, such as those of other tests, notice nothing.
+//! Each function performs the same system call as the library's function. If the calls of this thread are observed,
+//! `disk` is asked before the call and informed after it. Other threads of the program, such as those of other tests,
+//! are not affected.
 #![allow(unsafe_code, reason = "these functions stand in for the C library's, whose interface is pointers")]
 #![allow(clippy::missing_safety_doc, reason = "the manual pages of the C library say what its callers owe")]
 
@@ -29,14 +30,14 @@ thread_local! {
     static LISTENS: Cell<bool> = const { Cell::new(false) };
 }
 
-/// Turns the watching of this thread's calls on or off; returns the previous setting.
-pub fn listen(on: bool) -> bool {
+/// Switches the observation of this thread's calls on or off; returns the previous setting.
+pub fn set_observed(on: bool) -> bool {
     LISTENS.try_with(|listens| listens.replace(on)).unwrap_or(false)
 }
 
-/// Performs the call; `disk` is asked before and informed after.
-fn done(call: &Call<'_>, act: impl FnOnce() -> c_long) -> c_long {
-    if !listen(false) {
+/// Performs the call; `disk` is asked before the call and informed after it.
+fn perform(call: &Call<'_>, act: impl FnOnce() -> c_long) -> c_long {
+    if !set_observed(false) {
         return act();
     }
     let result = match disk::before(call) {
@@ -55,7 +56,7 @@ fn done(call: &Call<'_>, act: impl FnOnce() -> c_long) -> c_long {
             result
         }
     };
-    listen(true);
+    set_observed(true);
     result
 }
 
@@ -65,33 +66,33 @@ fn path<'c>(text: *const c_char) -> &'c Path {
     Path::new(OsStr::from_bytes(text.to_bytes()))
 }
 
-fn opened(text: *const c_char, flags: c_int, mode: c_uint) -> c_int {
+fn perform_open(text: *const c_char, flags: c_int, mode: c_uint) -> c_int {
     let writes = flags & (libc::O_WRONLY | libc::O_RDWR | libc::O_CREAT | libc::O_TRUNC) != 0;
     let path = path(text);
     let is_new = flags & libc::O_CREAT != 0;
     let call = Call::Open { path, writes, is_new, truncates: flags & libc::O_TRUNC != 0 };
     // SAFETY: the arguments are the caller's own.
-    done(&call, || unsafe { libc::syscall(libc::SYS_openat, libc::AT_FDCWD, text, flags, mode) }) as c_int
+    perform(&call, || unsafe { libc::syscall(libc::SYS_openat, libc::AT_FDCWD, text, flags, mode) }) as c_int
 }
 
-/// Like the C library's; the mode is read only if a file may be made.
+/// Like the C library's function; the mode is read only if a file may be created.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn open(text: *const c_char, flags: c_int, mode: c_uint) -> c_int {
-    opened(text, flags, mode)
+    perform_open(text, flags, mode)
 }
 
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn open64(text: *const c_char, flags: c_int, mode: c_uint) -> c_int {
-    opened(text, flags, mode)
+    perform_open(text, flags, mode)
 }
 
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn close(fd: c_int) -> c_int {
     // SAFETY: the argument is the caller's own.
-    done(&Call::Close { fd }, || unsafe { libc::syscall(libc::SYS_close, fd) }) as c_int
+    perform(&Call::Close { fd }, || unsafe { libc::syscall(libc::SYS_close, fd) }) as c_int
 }
 
-fn written(fd: c_int, from: *const c_void, count: size_t, at: Option<off_t>) -> ssize_t {
+fn perform_write(fd: c_int, from: *const c_void, count: size_t, at: Option<off_t>) -> ssize_t {
     let act = || match at {
         // SAFETY: the arguments are the caller's own.
         Some(at) => unsafe { libc::syscall(libc::SYS_pwrite64, fd, from, count, at) },
@@ -105,49 +106,49 @@ fn written(fd: c_int, from: *const c_void, count: size_t, at: Option<off_t>) -> 
     let at = at.unwrap_or_else(|| unsafe { libc::syscall(libc::SYS_lseek, fd, 0, libc::SEEK_CUR) });
     // SAFETY: the caller gives this number of bytes, which live as long as the call.
     let bytes = unsafe { std::slice::from_raw_parts(from.cast::<u8>(), count) };
-    done(&Call::Write { fd, at, bytes }, act) as ssize_t
+    perform(&Call::Write { fd, at, bytes }, act) as ssize_t
 }
 
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn write(fd: c_int, from: *const c_void, count: size_t) -> ssize_t {
-    written(fd, from, count, None)
+    perform_write(fd, from, count, None)
 }
 
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn pwrite(fd: c_int, from: *const c_void, count: size_t, at: off_t) -> ssize_t {
-    written(fd, from, count, Some(at))
+    perform_write(fd, from, count, Some(at))
 }
 
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn pwrite64(fd: c_int, from: *const c_void, count: size_t, at: off_t) -> ssize_t {
-    written(fd, from, count, Some(at))
+    perform_write(fd, from, count, Some(at))
 }
 
-fn length(fd: c_int, length: off_t) -> c_int {
+fn set_file_length(fd: c_int, length: off_t) -> c_int {
     // SAFETY: the arguments are the caller's own.
-    done(&Call::Length { fd, length }, || unsafe { libc::syscall(libc::SYS_ftruncate, fd, length) }) as c_int
+    perform(&Call::Length { fd, length }, || unsafe { libc::syscall(libc::SYS_ftruncate, fd, length) }) as c_int
 }
 
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ftruncate(fd: c_int, to: off_t) -> c_int {
-    length(fd, to)
+    set_file_length(fd, to)
 }
 
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ftruncate64(fd: c_int, to: off_t) -> c_int {
-    length(fd, to)
+    set_file_length(fd, to)
 }
 
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fsync(fd: c_int) -> c_int {
     // SAFETY: the argument is the caller's own.
-    done(&Call::Flush { fd }, || unsafe { libc::syscall(libc::SYS_fsync, fd) }) as c_int
+    perform(&Call::Flush { fd }, || unsafe { libc::syscall(libc::SYS_fsync, fd) }) as c_int
 }
 
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fdatasync(fd: c_int) -> c_int {
     // SAFETY: the argument is the caller's own.
-    done(&Call::Flush { fd }, || unsafe { libc::syscall(libc::SYS_fdatasync, fd) }) as c_int
+    perform(&Call::Flush { fd }, || unsafe { libc::syscall(libc::SYS_fdatasync, fd) }) as c_int
 }
 
 #[unsafe(no_mangle)]
@@ -155,25 +156,25 @@ pub unsafe extern "C" fn rename(from: *const c_char, to: *const c_char) -> c_int
     let call = Call::Move { from: path(from), to: path(to) };
     // SAFETY: the arguments are the caller's own.
     let act = || unsafe { libc::syscall(libc::SYS_renameat2, libc::AT_FDCWD, from, libc::AT_FDCWD, to, 0) };
-    done(&call, act) as c_int
+    perform(&call, act) as c_int
 }
 
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn unlink(text: *const c_char) -> c_int {
     // SAFETY: the arguments are the caller's own.
     let act = || unsafe { libc::syscall(libc::SYS_unlinkat, libc::AT_FDCWD, text, 0) };
-    done(&Call::Remove { path: path(text) }, act) as c_int
+    perform(&Call::Remove { path: path(text) }, act) as c_int
 }
 
 type ClockGetTime = unsafe extern "C" fn(clockid_t, *mut timespec) -> c_int;
 
-/// The library's own function. It needs no system call, and the time is requested tens of thousands of times in a
-/// cycle.
+/// Returns the library's own function. It needs no system call, and the time is requested tens of thousands of times in
+/// a cycle.
 fn library_clock() -> Option<ClockGetTime> {
     static FOUND: AtomicPtr<c_void> = AtomicPtr::new(std::ptr::null_mut());
     let mut found = FOUND.load(Ordering::Relaxed);
     if found.is_null() {
-        // SAFETY: the name ends with a zero; every thread that comes first finds the same function.
+        // SAFETY: the name ends with a zero; every thread finds the same function.
         found = unsafe { libc::dlsym(libc::RTLD_NEXT, c"clock_gettime".as_ptr()) };
         FOUND.store(found, Ordering::Relaxed);
     }
@@ -181,7 +182,7 @@ fn library_clock() -> Option<ClockGetTime> {
     unsafe { std::mem::transmute::<*mut c_void, Option<ClockGetTime>>(found) }
 }
 
-/// Returns the time; the wall clock of a world has an offset, and every other clock is unchanged.
+/// Returns the time. The wall clock of a world has an offset; every other clock is unchanged.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn clock_gettime(which: clockid_t, time: *mut timespec) -> c_int {
     let result = match library_clock() {
@@ -192,7 +193,7 @@ pub unsafe extern "C" fn clock_gettime(which: clockid_t, time: *mut timespec) ->
     };
     if which == libc::CLOCK_REALTIME && result == 0 {
         // SAFETY: the system has just written it.
-        unsafe { (*time).tv_sec += clock::moved_s() };
+        unsafe { (*time).tv_sec += clock::offset_s() };
     }
     result
 }

@@ -1,30 +1,30 @@
-//! One simulation of everything between a person's request and the panel: state table, loop, link, robot program, arm,
-//! cameras, water, people, store and disk, in one process and one thread, by one seed and in virtual time.
+//! A simulation of everything between a person's request and the panel: state table, loop, connection, robot program,
+//! arm, cameras, water, people, store and disk, in one process and one thread, from one seed and in virtual time.
 //!
 //! ```text
 //! people ── requests ──┐                     ┌── record ── the real store, on a folder in memory
 //!                      ├─ the product's loop ┤
-//! cameras ── stages ───┘                     └── session ── four ways for bytes ── controller ── arm, outputs
+//! cameras ── stages ───┘                     └── session ── bytes in four directions ── controller ── arm, outputs
 //! ```
 //!
 //! - `fixture`: the cell, its recipe, its taught panel · `script`: the faults and their times, drawn from a seed,
 //!   printed and read · `pairs`: faults that have an effect only in combination · `elsewhere`: override, measured
 //!   poses, jogs, restores, a second screen
-//! - `inside`: link, controller, arm and terminals in one time, and the faults that strike · `tamper`: bytes and
-//!   meanings · `terminals`: light, water, lens, extraction, tool · `clock`: the wall clock
-//! - `robot`, `record`, `cameras`, `people`: the loop's ports in it · `desk`: the service's queue and request
-//!   handler in front of them · `judges`: what must hold at every moment · `in_time`: what must happen in time ·
-//!   `ledger`: what the store has acknowledged · `touched`: what the arm touched and no count may forget ·
-//!   `restoring`: backups and restores of the store · `wear`, `aims`: the requirements on contact, and the ends of
-//!   lines · `killing`: real processes that are killed
-//! - `disk`: the disk, its possible faults, and what a power cut leaves, or would have left · `libc_calls`: how it
-//!   sees what is written
+//! - `inside`: client, controller, arm and terminals in one time, and the injected faults · `tamper`: changed bytes and
+//!   values · `terminals`: light, water, lens, extraction, tool · `clock`: the wall clock
+//! - `robot`, `record`, `cameras`, `people`: the ports of the loop · `desk`: the service's queue and request handler in
+//!   front of the loop · `judges`: requirements at every moment · `in_time`: time limits · `ledger`: the
+//!   acknowledgements of the store · `touched`: the grids that the arm touched, which must stay counted · `restoring`:
+//!   backups and restores of the store · `wear`, `aims`: the requirements on contact, and the ends of lines ·
+//!   `killing`: real processes that are killed
+//! - `disk`: the disk, its possible faults, and the files that a power failure leaves, or would have left ·
+//!   `libc_calls`: the calls by which the disk is written
 //!
-//! - `sabotage`: mistakes that are planted, to check that a world finds them
+//! - `sabotage`: errors that are injected to check that a world detects them
 //!
-//! The loop is the service's own (`daemon::run`, by the wall clock) with ports of this world, so that heartbeats,
-//! watchdogs and deadlines are those of the service. Results of computing reach the loop after some virtual time,
-//! and events in that time affect the loop.
+//! The loop is the service's own loop (`daemon::run`, by the wall clock) with the ports of this world, so that
+//! heartbeats, watchdogs and deadlines are those of the service. Results of computations reach the loop after some
+//! virtual time, and events in this time affect the loop.
 
 mod aims;
 mod cameras;
@@ -51,7 +51,7 @@ mod terminals;
 mod touched;
 mod wear;
 
-pub use cameras::kept;
+pub use cameras::stored_pictures;
 pub use inside::{Counts, Violation};
 pub use killing::{Killed, kills};
 pub use sabotage::{ALL as SABOTAGES, Sabotage};
@@ -76,25 +76,25 @@ use script::{Odds, Power};
 use std::path::PathBuf;
 use std::sync::LazyLock;
 
-/// Virtual time after which no more faults strike, ms.
+/// Virtual time after which no further faults are injected, ms.
 const MAX_FAULT_TIME_MS: u64 = 120_000;
 /// Time from the end of a process to the start of the next one, ms.
-const AWAY_MS: u64 = 2_000;
-/// Time between two processes after a power cut, in one world of two: longer than a controller waits for a client
-/// that vanished without a message, ms.
-const LONG_AWAY_MS: u64 = 5_000;
-/// Worlds whose controller executes its programs: divisor of the seed, and remainder.
+const RESTART_DELAY_MS: u64 = 2_000;
+/// Time between two processes after a power failure, in half of the worlds, ms: longer than a controller waits for a
+/// client that disappeared without a message.
+const LONG_RESTART_DELAY_MS: u64 = 5_000;
+/// Worlds whose controller executes the shipped programs: divisor of the seed, and remainder.
 const INTERPRETED: (u64, u64) = (8, 5);
-/// A power cut is imagined at one in this number of writes.
+/// A power failure is simulated at one in this number of writes.
 const IMAGINES_ONE_IN: u32 = 300;
-/// In one world of four, time for the effect of a fault while the cycle continues, ms.
+/// Time for the effect of a fault while the cycle continues, in a quarter of the worlds, ms.
 const LONG_AFTERMATH_MS: u64 = 40_000;
-/// In one of this number of worlds with grease and a whole last cycle, the disc does not remove the grease.
+/// In one of this number of worlds with grease and a complete last cycle, the disc does not remove the grease.
 const STUBBORN_ONE_IN: u32 = 3;
 /// Maximum number of processes in a world.
-const MAX_LIVES: u64 = 60;
+const MAX_PROCESS_COUNT: u64 = 60;
 
-/// Results of the stages in all worlds of the process: equal inputs give equal results.
+/// Results of the stages in all worlds of this process: equal inputs give equal results.
 static MEMORY: LazyLock<Memory> = LazyLock::new(|| Memory::new(record::shrunk));
 
 /// A world before its run.
@@ -104,9 +104,9 @@ pub struct World {
     pub seed: u64,
     /// The planned faults.
     pub script: Vec<Entry>,
-    /// The mistake that is planted, to see that it is found.
+    /// The error that is injected to check that it is detected, if any.
     pub sabotage: Option<Sabotage>,
-    /// Whether power cuts are imagined; this changes nothing in the world and uses a third of its time.
+    /// Whether power failures are simulated; this changes nothing in the world and takes a third of its time.
     pub imagines: bool,
 }
 
@@ -115,9 +115,9 @@ pub struct World {
 pub struct Outcome {
     /// The counts.
     pub counts: Counts,
-    /// The first violation of a rule.
+    /// The first violated requirement.
     pub violation: Option<Violation>,
-    /// A hash of the journal: two runs of a world have the same hash.
+    /// A hash of the journal: two runs of the same world have the same hash.
     pub trace: u64,
 }
 
@@ -133,18 +133,18 @@ impl World {
         World { seed, script, sabotage: None, imagines: true }
     }
 
-    /// Returns the world with a planted mistake.
+    /// Returns the world with an injected error.
     pub fn sabotaged(self, sabotage: Sabotage) -> Self {
         World { sabotage: Some(sabotage), ..self }
     }
 
     /// Runs the world.
     pub fn run(&self) -> Outcome {
-        clock::right();
+        clock::reset();
         let folder = fixture::folder(&format!("world-{:?}", std::thread::current().id()));
         let mut running = self.begin(folder, Ledger::default());
         running.whole();
-        clock::right();
+        clock::reset();
         let Running { world, ledger, .. } = running;
         let world = world.lock();
         let trace = ledger.trace();
@@ -152,8 +152,8 @@ impl World {
         Outcome { counts, violation: world.violation.clone(), trace }
     }
 
-    /// Returns the controller's shipped programs, which some worlds execute in place of their model. The seed
-    /// determines how the two interpreters are scheduled.
+    /// Returns the controller's shipped programs, which some worlds execute instead of the model. The seed determines
+    /// how the two interpreters are scheduled.
     fn programs(&self) -> Option<Programs> {
         static SHIPPED: LazyLock<Programs> = LazyLock::new(|| Programs::shipped().expect("right programs"));
         if self.seed % INTERPRETED.0 != INTERPRETED.1 || matches!(self.sabotage, Some(Sabotage::Controller(_))) {
@@ -164,7 +164,7 @@ impl World {
         Some(programs)
     }
 
-    /// Creates the world as it is before its first process. Its store is or will be in this folder.
+    /// Creates the world in its state before the first process. Its store is or will be in this folder.
     fn begin(&self, folder: PathBuf, ledger: Ledger) -> Running {
         let mut draw = Pcg64::seed_from_u64(self.seed ^ 0x5eed);
         let stands = [
@@ -174,7 +174,7 @@ impl World {
             CellContents::Clean,
             CellContents::Nothing,
         ][draw.random_range(0..5)];
-        // Whether a panel is stubborn is visible only in a cycle that runs to its end without faults.
+        // A cycle detects that the grease is not removed only if it runs to its end without faults.
         let is_whole = self.seed.is_multiple_of(4);
         let is_stubborn =
             is_whole && Pcg64::seed_from_u64(self.seed ^ 0x57ab).random_range(0..STUBBORN_ONE_IN) == 0;
@@ -204,8 +204,8 @@ impl World {
 }
 
 impl World {
-    /// Returns the world with the shortest script with which the same judge finds something. Entries are removed one
-    /// at a time, as long as the judge still finds something.
+    /// Returns the world with the shortest script with which the same check still finds a violation. Entries are
+    /// removed one at a time, as long as this is the case.
     pub fn shortest(&self, judge: &str) -> World {
         let mut shortest = self.clone();
         let mut index = 0;
@@ -230,7 +230,7 @@ struct Running {
     seed: u64,
     sabotage: Option<Sabotage>,
     imagines: bool,
-    /// The folder of its stores, and the number of the store in use: a power cut leaves another folder.
+    /// The folder of its stores, and the number of the present store: a power failure leaves another folder.
     folder: PathBuf,
     stores: u32,
     ledger: Ledger,
@@ -248,7 +248,7 @@ impl Running {
     fn watch(&self) {
         disk::watch(&self.store(), self.sabotage);
         if self.imagines {
-            disk::imagine_one_in(IMAGINES_ONE_IN, self.seed ^ (u64::from(self.stores) << 32));
+            disk::simulate_one_power_failure_in(IMAGINES_ONE_IN, self.seed ^ (u64::from(self.stores) << 32));
         }
     }
 
@@ -267,7 +267,7 @@ impl Running {
             if self.is_end(ended) {
                 break;
             }
-            if lives >= MAX_LIVES {
+            if lives >= MAX_PROCESS_COUNT {
                 self.world.lock().wrong("lives", format!("{lives} processes and no end"));
                 break;
             }
@@ -291,8 +291,8 @@ impl Running {
         let _ = self.folder.parent().map(std::fs::remove_dir);
     }
 
-    /// Cuts the computer's power just after its last process has ended: the contents of a closed store must be on
-    /// the disk.
+    /// Simulates a power failure just after the last process has ended: the contents of a closed store must be on the
+    /// disk.
     fn power_cut_at_the_end(&mut self) {
         if !self.seed.is_multiple_of(3) {
             return;
@@ -324,8 +324,7 @@ impl Running {
         }
     }
 
-    /// Handles the end of a process: by itself, by a kill, or by a power cut of the computer. Some time later another
-    /// process begins.
+    /// Handles the end of a process: a normal end, a kill, or a power failure. Some time later another process starts.
     fn ends(&mut self) {
         let mut world = self.world.lock();
         let power = world.power.take().filter(|_| disk::is_over());
@@ -333,7 +332,7 @@ impl Running {
             (world.is_on(2) || world.is_on(5)) && !world.is_strange() && world.lock_around().stuck.is_none();
         world.cell.restart_client(inside::session(self.sabotage), matches!(power, Some(Power::Cut { .. })));
         let is_long = matches!(power, Some(Power::Cut { seed }) if seed.is_multiple_of(2));
-        world.without_process(if is_long { LONG_AWAY_MS } else { AWAY_MS });
+        world.without_process(if is_long { LONG_RESTART_DELAY_MS } else { RESTART_DELAY_MS });
         match power {
             Some(Power::Cut { seed }) => {
                 world.counts.cuts += 1;
@@ -380,7 +379,7 @@ impl Running {
         let mut robot = Robot::new(self.world.clone());
         let cameras = Box::new(Cameras::new(self.world.clone()));
         let looks = self.world.clone();
-        let sees = Box::new(move |act| cameras::seen(&looks, act));
+        let sees = Box::new(move |act| cameras::view_hash(&looks, act));
         let ports = LoopPorts {
             robot: &mut robot,
             tool: &mut daemon::LinkedTool::default(),

@@ -1,7 +1,7 @@
-//! The people who send requests: one who runs cycles as the manual describes, and others who press anything in
+//! The people who send requests: one who runs cycles as the manual describes, and others who send any requests in
 //! between.
 //!
-//! A world also checks the state machine here, which shows its state each time the loop fetches the next request.
+//! A world also checks the state machine here, whose state is shown each time the loop fetches the next request.
 
 use super::desk::{ANOTHER_PERSON, Desk, OPERATOR, Shown};
 use super::disk;
@@ -21,29 +21,29 @@ use std::path::Path;
 
 /// Interval at which a person looks at the cell, ms.
 const POLL_INTERVAL_MS: u64 = 200;
-/// Duration of a computation, and interval of the checks for a film's next picture, ms.
+/// Duration of a computation, and below it the interval at which the next picture of a film is checked, ms.
 const COMPUTATION_MS: u64 = 120;
 const PICTURE_POLL_INTERVAL_MS: u64 = 60;
-/// Longest time from the end of all faults until the cell has begun a new cycle, ms.
+/// Maximum time from the end of all faults until the cell has begun a new cycle, ms.
 const RECOVERY_MS: u64 = 60_000;
-/// Distance of the tip from the panel beyond which the arm may go to its park pose from anywhere, mm. It is the
-/// gate's 40 mm plus the reach of the tool's body beside its tip.
+/// Minimum distance of the tip from the panel from which the arm may move to its park pose from anywhere, mm: the 40 mm
+/// of the path check plus the extent of the tool's body beside its tip.
 const BODY_CLEAR_MM: f64 = 160.0;
-/// With its tip nearer than this to the panel, a person must jog the arm away, mm.
-const CLEAR_MM: f64 = 100.0;
-/// Time after which a false report is forgotten, ms.
-const CALM_MS: u64 = 1_000;
-/// Time for the last fault to have its effect before all faults are ended, however many cycles have ended, ms.
+/// Distance of the tip from the panel below which a person must jog the arm away, mm.
+const MIN_DISTANCE_WITHOUT_JOG_MM: f64 = 100.0;
+/// Time after which a wrong report has no further effect, ms.
+const WRONG_REPORT_EFFECT_MS: u64 = 1_000;
+/// Time for the effect of the last fault before all faults are ended, even if all cycles have ended, ms.
 pub const AFTERMATH_MS: u64 = 5_000;
-/// Number of steps by which a second screen may be behind.
+/// Maximum number of steps by which a second screen is outdated.
 const MAX_STEPS_BEHIND: usize = 64;
-/// Number of attempts to continue a held cycle.
+/// Maximum number of attempts to continue a held cycle.
 const MAX_ATTEMPTS: u32 = 3;
 
 /// The aim of the people in the present process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Aim {
-    /// To run this number of cycles while faults strike.
+    /// To run this number of cycles while faults are injected.
     Cycles(u64),
     /// To run one more cycle after all faults have ended: to its end if `whole` is set, otherwise to its first phase.
     Recover { whole: bool },
@@ -51,7 +51,7 @@ pub enum Aim {
     Leave,
 }
 
-/// All people who send requests, over all processes of a world.
+/// All people who send requests, in all processes of a world.
 pub struct People {
     world: Shared,
     /// The present aim.
@@ -70,24 +70,24 @@ pub struct People {
     begun_before: u64,
     /// The queue and the handler of the present process.
     desk: Option<Desk>,
-    /// Whether a person has ordered this process to end.
+    /// Whether a person has requested the end of this process.
     has_left: bool,
     working: Option<(Id, u64)>,
     /// Whether the present cycle began after all faults had ended.
     is_untroubled: bool,
-    /// Whether that cycle began with the tool's body so near to the panel that the gate may ask for a jog.
+    /// Whether the present cycle began with the tool's body so near to the panel that a path check may require a jog.
     is_body_near: bool,
     /// Whether such a cycle was aborted and the cause is not known yet.
     is_cause_due: bool,
-    /// The actions that the state machine must perform in time.
+    /// The checks that the state machine performs its actions in time.
     in_time: InTime,
-    /// Whether the people dry a held panel before they try anything else.
+    /// Whether the people dry a held panel before they try other requests.
     pub dries: bool,
-    /// A person's request for an end: the request, and the time at which the state machine accepted it.
+    /// A person's request for an end, and the time at which the state machine accepted it.
     pub stopping: Option<(cycle::Request, u64)>,
-    /// Number of times the arm was jogged away from the panel since all faults ended.
+    /// Number of times a person jogged the arm away from the panel since all faults ended.
     taken_away: u32,
-    /// The contents of a second screen, the newest last; they outlive a process.
+    /// The contents of a second screen, the newest last; they are kept when a process ends.
     shown: VecDeque<Shown>,
 }
 
@@ -118,7 +118,7 @@ impl People {
         }
     }
 
-    /// Forgets the earlier requests, which a new process does not know.
+    /// Discards the earlier requests, which a new process does not know.
     pub fn forget(&mut self) {
         (self.desk, self.has_left) = (None, false);
         (self.working, self.stopping) = (None, None);
@@ -140,7 +140,7 @@ impl People {
     fn next_at(&mut self, desk: &mut Desk, state: &State) -> Result<Option<Request>, ThreadFault> {
         let mut world = self.world.lock();
         world.comes_to(state.at);
-        judges::look(&mut world, state, &mut self.stopping);
+        judges::check_state(&mut world, state, &mut self.stopping);
         self.in_time.look(&mut world, state);
         let now_ms = world.now_ms();
         if let Aim::Cycles(cycles) = self.aim {
@@ -159,7 +159,7 @@ impl People {
             world.wrong("end", format!("the world does not end: {at:?}, {aim:?}, troubled {troubled}"));
         }
         while let Some(press) = world.pressed.pop_front() {
-            whats(press, world.stated()).into_iter().for_each(|what| desk.ask(ANOTHER_PERSON, what));
+            whats(press, world.stated()).into_iter().for_each(|what| desk.send_request(ANOTHER_PERSON, what));
         }
         let now = Shown::from_state(state);
         if self.shown.back() != Some(&now) {
@@ -170,7 +170,7 @@ impl People {
             let at = self.shown.len().saturating_sub(1 + back as usize);
             if let Some(shown) = self.shown.get(at) {
                 let carries = world.sabotage != Some(Sabotage::NoStep);
-                script::requests(press).into_iter().for_each(|request| desk.decides(request, *shown, carries));
+                script::requests(press).into_iter().for_each(|request| desk.send_decision(request, *shown, carries));
             }
         }
         let stated = world.stated();
@@ -180,9 +180,9 @@ impl People {
             self.looked_ms = now_ms;
             if let Some(what) = self.usual(state, stated) {
                 let is_leave = matches!(what, RequestKind::Leave);
-                // A second request to leave would abort.
+                // A second request to leave would abort the cycle.
                 if !(is_leave && std::mem::replace(&mut self.has_left, true)) {
-                    desk.ask(OPERATOR, what);
+                    desk.send_request(OPERATOR, what);
                 }
             }
         }
@@ -248,7 +248,7 @@ impl People {
             (_, At::Stopped | At::Complete { .. }) if is_ready => table(cycle::Request::Reset),
             (_, At::Idle) if is_ready => Some(begin(stated)),
             (_, At::Aborted { cause }) if is_ready => {
-                // The arm is left somewhere near the panel: the message tells the person to jog it away.
+                // The arm is near the panel: the message requires the person to jog it away.
                 if cause == Cause::Trouble(Trouble::Gate) {
                     self.world.lock().jogs_to_park();
                     self.taken_away += u32::from(matches!(self.aim, Aim::Recover { .. }));
@@ -275,7 +275,7 @@ impl People {
         let has_begun = self.world.lock().counts.cycles > self.begun_before;
         match self.aim {
             Aim::Recover { whole: true } => {
-                // A cycle that only found the arm at an unknown pose does not count as the new one.
+                // A cycle that only detected that the arm is at an unknown pose is not counted as the new cycle.
                 let is_next = asks_for_a_jog(state) && self.taken_away < MAX_ATTEMPTS;
                 has_begun && state.at.is_at_rest() && !state.job.running && !is_next
             }
@@ -292,11 +292,11 @@ impl People {
                 let mut world = self.world.lock();
                 world.counts.cycles += 1;
                 (world.is_another_part, world.states_lost_passes) = (false, false);
-                // If the arm is near the panel at a pose at which no path left it, a person must jog it away.
-                let is_calm = world.now_ms() >= world.lasts_until_ms + CALM_MS
+                // If the arm is near the panel at a pose at which no path ended, a person must jog it away.
+                let is_calm = world.now_ms() >= world.lasts_until_ms + WRONG_REPORT_EFFECT_MS
                     && !world.is_troubled()
                     && !world.lingers
-                    && world.height_mm() > CLEAR_MM;
+                    && world.height_mm() > MIN_DISTANCE_WITHOUT_JOG_MM;
                 self.is_untroubled = self.aim == Aim::Recover { whole: true } && is_calm;
                 self.is_body_near = world.height_mm() <= BODY_CLEAR_MM;
             }
@@ -304,7 +304,7 @@ impl People {
                 self.held = 0;
                 self.ended += 1;
                 let mut world = self.world.lock();
-                // A part that failed is often taken out, but not always.
+                // A failed part is often taken out, but not always.
                 world.is_another_part |= *verdict == Verdict::Fail && self.ended.is_multiple_of(2);
                 if std::mem::take(&mut self.is_untroubled) {
                     self.is_cause_due = self.is_body_near && *verdict == Verdict::Aborted;
@@ -329,7 +329,7 @@ impl People {
         }
     }
 
-    /// Returns whether the loop receives a result: a result comes once its computing time has passed.
+    /// Returns whether the loop receives a result: a result is available after its computing time has passed.
     fn admit(&mut self, id: Id) -> bool {
         let world = self.world.lock();
         let now_ms = world.now_ms();
@@ -359,8 +359,8 @@ impl People {
 impl Port<RequestCommand> for People {
     fn perform(&mut self, command: RequestCommand) -> RequestAnswer {
         match command {
-            // A process without its disk is dead, even if the loop has not noticed it yet; and the world ends when
-            // a judge has found something.
+            // A process without its disk has ended, even if the loop has not detected this yet; and the world ends when
+            // a check has found a violation.
             RequestCommand::Next(_) if disk::is_over() || self.world.lock().violation.is_some() => {
                 let thread = "the process".to_owned();
                 RequestAnswer::Next(Err(ThreadFault { thread, failure: ThreadFailure::Ended }))
@@ -378,7 +378,7 @@ impl Port<RequestCommand> for People {
     }
 }
 
-/// Returns whether the gate has aborted the cycle: the arm is at an unknown pose near the panel.
+/// Returns whether a path check has aborted the cycle because the arm is at an unknown pose near the panel.
 fn asks_for_a_jog(state: &State) -> bool {
     state.at == At::Aborted { cause: Cause::Trouble(Trouble::Gate) }
 }

@@ -1,5 +1,6 @@
-//! The record of a world: the product's own, on the real store. Pictures are reduced before they are stored, because
-//! packing them would take most of a world's time; each is still a file with its own content that a row names.
+//! The record of a world: the product's own record, on the real store. Pictures are reduced before they are stored,
+//! because compressing them would take most of a world's time; each is still a file with its own content, named by a
+//! row.
 
 use super::disk;
 use super::inside::{Permit, Shared};
@@ -18,8 +19,8 @@ use std::sync::Arc;
 
 /// Width and height of a picture in the store, px.
 const SMALL_PX: usize = 8;
-/// Distance from the panel that the arm must reach before its next other motion, mm. A path in contact ends
-/// `approach_mm` off the panel, and the arm first moves the same distance again.
+/// Minimum distance from the panel that the arm must reach before its next other motion, mm. A path in contact ends
+/// `approach_mm` off the panel, and the arm then moves away by the same distance again.
 const MIN_LEAVING_DISTANCE_MM: f64 = 60.0;
 
 /// The record's port.
@@ -31,14 +32,14 @@ pub struct Record<'s> {
     world: Shared,
     sabotage: Option<Sabotage>,
     wear: Wear,
-    /// The epoch of the last motion, if it went along the panel to its end.
+    /// The epoch of the last motion, if the motion reached the end of its path along the panel.
     contact_epoch: Option<u32>,
-    /// Whether the present cycle has a film's result.
+    /// Whether the present cycle has the result of a film.
     has_film: bool,
 }
 
 impl<'s> Record<'s> {
-    /// Puts this port before a record; each acknowledgement is also noted in the ledger.
+    /// Wraps a record; each acknowledgement is also recorded in the ledger.
     pub fn new((store, folder): (StoreRecord<'s>, &'s Folder), ledger: &'s mut Ledger, world: Shared) -> Self {
         let sabotage = world.lock().sabotage;
         Record {
@@ -55,10 +56,10 @@ impl<'s> Record<'s> {
 }
 
 impl Record<'_> {
-    /// Checks each power cut that was imagined during the last command: the store that it leaves must contain
-    /// everything acknowledged before.
+    /// Checks each power failure that was simulated during the last command: the resulting store must contain
+    /// everything that was acknowledged before.
     fn judge_imagined_cuts(&mut self) {
-        for folder in disk::imagined() {
+        for folder in disk::simulated_power_failures() {
             let held = self.ledger.clone().check_start(&folder);
             let _ = std::fs::remove_dir_all(&folder);
             let mut world = self.world.lock();
@@ -72,8 +73,8 @@ impl Record<'_> {
 }
 
 impl Record<'_> {
-    /// Checks that a motion that is reported as done has ended, and that after a motion in contact the arm leaves the
-    /// panel before it goes anywhere else.
+    /// Checks that a motion that is reported as executed has ended, and that after a motion in contact the arm leaves
+    /// the panel before any other motion.
     fn judge_standing(&mut self, command: &RecordCommand) {
         let mut world = self.world.lock();
         match command {
@@ -90,7 +91,7 @@ impl Record<'_> {
             RecordCommand::OpenIntent(motion) => {
                 let height_mm = world.height_mm();
                 let is_near = height_mm < MIN_LEAVING_DISTANCE_MM && motion.path != Path::Retract;
-                // If the epoch is another one, something else happened in between.
+                // If the epoch has changed, another motion was executed in between.
                 if self.contact_epoch.take() == Some(motion.epoch) && is_near {
                     let what =
                         format!("{motion:?} begins {height_mm:.1} mm off the panel, behind a path in contact");
@@ -103,8 +104,8 @@ impl Record<'_> {
 }
 
 impl Record<'_> {
-    /// Checks that no count falls. The touched grids are known when a cycle begins, until the part has its result
-    /// or another part is in the cell.
+    /// Checks that no count decreases. The touched grids must be counted when a cycle begins, until the part has its
+    /// result or another part is in the cell.
     fn judge_counts(&mut self, counted: &Counted, answer: &RecordAnswer) {
         let mut world = self.world.lock();
         let touched = &mut self.ledger.touched;
@@ -136,7 +137,7 @@ impl Record<'_> {
             }
             (Counted::Finds, _) => self.has_film = true,
             (_, RecordAnswer::Concluded(Verdict::Pass)) if self.has_film => {
-                // The part is taken out. A part that failed stays until a start states that another one is there.
+                // The part is taken out. A failed part stays until a start states that another part is in the cell.
                 touched.another_part();
             }
             (_, RecordAnswer::Earlier(earlier)) if touched.has_part() => {
@@ -153,7 +154,7 @@ impl Record<'_> {
     }
 }
 
-/// The part of a command that matters for counts.
+/// The part of a command that is relevant for the counts.
 enum Counted {
     Opens(ContactPath),
     Closes,
@@ -206,10 +207,10 @@ impl Port<RecordCommand> for Record<'_> {
             self.world.lock().writes();
         }
         let is_skipped = self.sabotage.is_some_and(|sabotage| sabotage.skips(&command));
-        disk::imagine();
+        disk::begin_simulated_power_failures();
         if let RecordCommand::Conclude { verdict, .. } = &command {
             self.ledger.decided(*verdict);
-            disk::imagine_now();
+            disk::simulate_power_failure_now();
         }
         self.judge_standing(&command);
         let told_of_contact = of_contact(&command);
@@ -237,7 +238,7 @@ impl Port<RecordCommand> for Record<'_> {
     }
 }
 
-/// Returns a copy of a command that concerns contact.
+/// Returns a copy of a command about contact.
 fn of_contact(command: &RecordCommand) -> Option<RecordCommand> {
     use panelprep::cycle::{Event, Report};
     Some(match command {
@@ -255,7 +256,7 @@ fn of_contact(command: &RecordCommand) -> Option<RecordCommand> {
     })
 }
 
-/// Returns the note with small pictures.
+/// Returns the note with reduced pictures.
 pub fn shrunk(note: Note) -> Note {
     match note {
         Note::Picture(name, picture) => Note::Picture(name, small(&picture)),

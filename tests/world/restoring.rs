@@ -1,5 +1,5 @@
-//! Backups and restores of a world's store by the product's own code: a backup while a process writes, a restore
-//! between two processes.
+//! Backups and restores of a world's store by the product's own code: backups while a process writes, restores between
+//! two processes.
 
 use super::Running;
 use super::disk;
@@ -12,10 +12,10 @@ use panelprep::record::CycleId;
 use panelprep::store::Store;
 use std::path::{Path, PathBuf};
 
-/// A file that exists in a restored store that has not been opened since.
+/// Name of a file that exists in a restored store that has not been opened since.
 const RESTORED: &str = "panelprep.restored";
 
-/// A store's state at some moment.
+/// A backup of a store.
 #[derive(Debug)]
 pub struct Backup {
     archive: PathBuf,
@@ -41,7 +41,7 @@ pub fn backs_up(world: &mut Inside, store: &Path, ledger: &Ledger) {
 }
 
 impl Running {
-    /// Replaces the present store by the last backup, if a person requests that.
+    /// Replaces the present store by the last backup, if a person requests this.
     pub(super) fn restores(&mut self) {
         let Some(backup) = self.world.lock().restorable() else { return };
         disk::leave();
@@ -79,13 +79,13 @@ impl Running {
         self.watch();
     }
 
-    /// Returns the last number that the people know: from their own list, or from the page of the present store.
+    /// Returns the last cycle number that the people know: from their own list, or from the page of the present store.
     fn last_number(&self) -> CycleId {
         let shown = Store::open(&self.store()).and_then(|store| store.newest_cycle()).ok().flatten();
         self.ledger.last().max(shown).unwrap_or(CycleId(0))
     }
 
-    /// Checks that a restored store rests until a person has answered what may have happened since.
+    /// Checks that a restored store waits until a person has stated what may have happened since the backup.
     pub(super) fn asks_after_a_restore(&mut self, rested: &State) -> Result<(), (&'static str, String)> {
         if !std::mem::take(&mut self.is_restored) {
             return Ok(());
@@ -96,7 +96,7 @@ impl Running {
         if is_asked { Ok(()) } else { Err(what()) }
     }
 
-    /// Notes the grids that the arm has touched so far on a path that a process left.
+    /// Records the grids that the arm has touched so far on a path whose process has ended.
     pub(super) fn touches(&mut self) {
         let executed = self.world.lock().executed_on_path();
         self.ledger.touched.executed(executed);

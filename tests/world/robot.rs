@@ -1,5 +1,5 @@
-//! The robot as the loop of a world sees it: the client's session in the world's own time. Time passes while the
-//! loop waits for a report.
+//! The robot for the loop of a world: the client's session in the virtual time of the world. Time passes while the loop
+//! waits for a report.
 
 use super::inside::{Inside, Shared};
 use super::sabotage::Sabotage;
@@ -7,19 +7,19 @@ use panelprep::daemon::{Port, RobotAnswer, RobotCommand};
 use panelprep::eki::{Command, LinkLoss, Report, Time};
 use std::mem::discriminant;
 
-/// Time that the loop waits for a report before it does other work, ms.
+/// Maximum time that the loop waits for a report before it does other work, ms.
 const POLL_TIMEOUT_MS: u64 = 20;
-/// This number of reports in one moment means that the loop does not let time pass.
+/// Maximum number of reports at one time; more reports mean that the loop does not let time pass.
 const MAX_SIMULTANEOUS_REPORTS: u32 = 10_000;
 
 /// The robot's port.
 pub struct Robot {
     world: Shared,
-    /// The fault that was reported, until a controller answers, as in the link's own thread.
+    /// The reported loss of the connection, until a controller answers, as in the product's own thread.
     told_loss: Option<LinkLoss>,
     /// Speed of the next paths, m/s.
     speed_m_s: f64,
-    /// Time of the last report, and number of reports at that time.
+    /// Time of the last report, and number of reports at this time.
     told: (u64, u32),
 }
 
@@ -67,7 +67,7 @@ impl Robot {
     }
 }
 
-/// Changes a report so that it has the axes before a person jogged the arm.
+/// Changes a report so that it contains the axis positions before a person jogged the arm.
 fn hides_jog(world: &Inside, report: &mut Report) {
     if let Report::Connected { state } | Report::Rebooted { state } | Report::State(state) = report
         && let Some(before) = world.places.joints_before_jog(&world.cell.controller.joints())

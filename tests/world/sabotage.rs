@@ -1,6 +1,6 @@
-//! Mistakes that are planted while a world runs, to check that the world finds them. They are rules that the
-//! controller does not follow, limits of the link, writes that are not flushed or not made, and commands that do not
-//! reach the robot. Each represents a change of the product's source that would do the same.
+//! Errors that are injected while a world runs, to check that the world detects them: requirements that the controller
+//! does not satisfy, changed limits of the connection, writes that are not flushed or not made, and commands that do
+//! not reach the robot. Each represents a change of the product's source with the same effect.
 
 use panelprep::cycle::Report;
 use panelprep::daemon::{Note, RecordCommand, RobotCommand};
@@ -14,9 +14,9 @@ use std::time::Duration;
 pub enum Sabotage {
     /// The controller does not follow this rule.
     Controller(Rule),
-    /// The client's watchdog waits this number of times longer.
+    /// The client's watchdog waits for this multiple of its time.
     Patience(u32),
-    /// The client sends far more commands ahead than it may.
+    /// The client sends far more commands ahead than permitted.
     Window,
     /// Data written to these files is not flushed.
     NoFlush(Files),
@@ -24,27 +24,27 @@ pub enum Sabotage {
     NotWritten(Row),
     /// Contact waypoints are sent before the record permits them.
     Unpermitted,
-    /// An abort does not reach the link.
+    /// An abort does not reach the connection.
     NoAbort,
-    /// A command that switches this output off is left out.
+    /// A command that switches this output off is omitted.
     StaysOn(u16),
-    /// A command that switches the lens's guard on is left out.
+    /// A command that switches the lens shutter on is omitted.
     LensStaysOpen,
     /// A new epoch may have a number that an earlier process used.
     OldEpoch,
     /// The controller moves at another override, and neither reports it nor reacts to it.
     HidesOverride,
-    /// After a jog the axes are reported as they were before.
+    /// After a jog, the axis positions from before the jog are reported.
     HidesJogs,
-    /// A contact path is saved without the places that it touches.
+    /// A contact path is saved without the grids that it touches.
     NoGrids,
     /// A restored store does not state that it is restored.
     UnmarkedRestore,
-    /// A second screen's decision does not include the step that the screen shows.
+    /// A decision of a second screen does not contain the step that the screen shows.
     NoStep,
 }
 
-/// The files that are damaged.
+/// The files whose flush is omitted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Files {
     Head,
@@ -55,7 +55,7 @@ pub enum Files {
     Everything,
 }
 
-/// The rows that are changed.
+/// The rows that are not written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Row {
     Event,
@@ -67,7 +67,7 @@ pub enum Row {
     Close,
 }
 
-/// Each mistake with its meaning.
+/// Each injected error with its description.
 pub const ALL: [(&str, Sabotage); 36] = [
     ("the controller takes commands of ended epochs", Sabotage::Controller(Rule::EpochCheck)),
     ("the controller has no watchdog", Sabotage::Controller(Rule::Watchdog)),
@@ -108,7 +108,7 @@ pub const ALL: [(&str, Sabotage); 36] = [
 ];
 
 impl Sabotage {
-    /// Returns the link's limits with the planted mistake.
+    /// Returns the limits of the connection with the injected error.
     pub fn limits(self, limits: LinkLimits) -> LinkLimits {
         match self {
             Sabotage::Patience(times) => LinkLimits { watchdog: limits.watchdog * times, ..limits },
@@ -147,7 +147,7 @@ impl Sabotage {
         }
     }
 
-    /// Returns the changed command for the robot; `None` if it is left out.
+    /// Returns the changed command for the robot; `None` if the command is omitted.
     pub fn command(self, command: RobotCommand) -> Option<RobotCommand> {
         let switched = |number, on| RobotCommand::Send(Command::SetDigout(Signal { number, on }));
         match (self, command) {

@@ -1,8 +1,8 @@
 //! The faults of a world and their times: an explicit list, drawn from a seed, that can be printed, shortened and run
 //! again.
 //!
-//! A moment is counted from the first time that the state machine reaches a state, so that every fault strikes in
-//! every state, however long the earlier states took. An entry that is removed leaves the others unchanged.
+//! A time is counted from the first time that the state machine reaches a state, so that every fault occurs in every
+//! state, however long the earlier states took. If an entry is removed, the others are unchanged.
 
 use super::{elsewhere, pairs};
 use panelprep::cycle::{self, At};
@@ -12,12 +12,12 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use serde::{Deserialize, Serialize};
 
-/// A fault of the script, and when it strikes.
+/// A fault of the script, and the time at which it is injected.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Entry {
     /// The state of the cycle's state machine, see [`PLACES`].
     pub place: String,
-    /// The visit of this state, from 1.
+    /// The number of the visit to this state, from 1.
     pub visit: u32,
     /// Time after the beginning of this visit, ms.
     pub after_ms: u64,
@@ -32,7 +32,7 @@ pub enum Harm {
     Lose,
     /// The message arrives twice.
     Twice,
-    /// The message arrives after the one behind it.
+    /// The message arrives after the following one.
     Swap,
     /// One bit of the message is inverted.
     Damage { byte: u32, bit: u8 },
@@ -45,7 +45,7 @@ pub enum Harm {
 /// A camera's fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum CameraHarm {
-    /// The camera gives nothing.
+    /// The camera delivers no picture.
     Lost,
     /// The camera returns its previous picture again.
     Frozen,
@@ -77,12 +77,12 @@ pub enum Press {
     Everything,
 }
 
-/// An end of the process or a fault of its disk.
+/// An end of the process at one of its writes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Power {
     /// The process is killed at the nth write to its disk from now on.
     Kill,
-    /// The computer loses its power at this write: data that was not flushed is lost, torn or kept, depending on
+    /// The computer has a power failure at this write: data that were not flushed are lost, torn or kept, depending on
     /// the seed.
     Cut { seed: u64 },
 }
@@ -90,7 +90,7 @@ pub enum Power {
 /// A fault of the disk.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum DiskHarm {
-    /// The disk accepts no more data for a while.
+    /// The disk accepts no data for some time.
     Full,
     /// The disk reports an error.
     Io,
@@ -101,44 +101,44 @@ pub enum DiskHarm {
 pub enum Fault {
     /// Damages the next message to or from the controller, on the channel of commands (0) or states (1).
     Bytes { to_robot: bool, channel: usize, harm: Harm },
-    /// The robot or the client closes a connection; `loses` also loses the bytes on their way.
+    /// The robot or the client closes a connection; with `loses`, the bytes in transit are lost.
     Cut { channel: usize, by_robot: bool, loses: bool },
-    /// No message of the client arrives for this time.
+    /// No message of the client arrives for this time, ms.
     Deaf(u64),
-    /// The link's thread is stalled for this time.
+    /// The thread of the connection is stalled for this time, ms.
     Stall(u64),
-    /// The value of `panelprep mock-robot --fault`, without its time.
+    /// A fault in the form of `panelprep mock-robot --fault`, without its time.
     Controller(String),
-    /// In this number of messages the controller sends a false value: attribute and value.
+    /// In this number of messages the controller sends a wrong value: attribute and value.
     Lie { channel: usize, name: String, value: String, times: u32 },
-    /// Another client's request reaches the controller.
+    /// A request of another client reaches the controller.
     Foreign { operation: i32, number: i32 },
-    /// A person works with another program on the controller for this time.
+    /// A person works with another program on the controller for this time, ms.
     ForeignProgram(u64),
     /// An input keeps its value for this time.
     Feedback { input: u16, on: bool, for_ms: u64 },
     /// A person sends a request.
     Press(Press),
-    /// A fault of the next pictures of a camera, the one on the flange or the other, for this time.
+    /// A fault of the next pictures of the flange camera or the 3D camera, for this time.
     Camera { flange: bool, harm: CameraHarm, for_ms: u64 },
     /// The wall clock jumps by this number of seconds.
     Clock(i64),
     /// An end of the process at the nth write to the disk from now on.
     Power { writing: u32, power: Power },
-    /// A fault of this number of writes to the disk, which begins at the nth write from now on.
+    /// A fault of this number of writes to the disk, beginning at the nth write from now on.
     Disk { writing: u32, harm: DiskHarm, times: u32 },
-    /// Each write takes longer by `late_ms`, for the time `for_ms`; the link continues meanwhile.
+    /// Each write takes longer by `late_ms`, for the time `for_ms`; the connection continues meanwhile.
     SlowDisk { late_ms: u64, for_ms: u64 },
-    /// This number of messages with commands of an ended epoch arrive once more.
+    /// This number of messages with commands of an ended epoch arrive again.
     Replay(u32),
     /// This number of the client's aborts arrive as heartbeats: the controller answers them and continues.
     Unheeded(u32),
-    /// The people who run the cell request nothing for this time.
+    /// The people who run the cell request nothing for this time, ms.
     Away(u64),
-    /// A person jogs the arm once it is at rest, in T1 for this time. The target is this share of the way from this
-    /// height above the panel to the park pose.
+    /// A person jogs the arm after it has become stationary, in T1 for this time. The target is at this percentage of
+    /// the way from this height above the panel to the park pose.
     Jog { percent: u8, height_mm: u8, for_ms: u64 },
-    /// A second screen sends a decision, although it shows the state machine as it was some steps ago.
+    /// A second screen sends a decision, although it shows the state machine some steps ago.
     Stale { press: Press, back: u32 },
     /// The store is backed up.
     Backup,
@@ -147,7 +147,7 @@ pub enum Fault {
 }
 
 impl Fault {
-    /// Returns the fault's kind, for counts.
+    /// Returns the name of the fault's kind, for counts.
     pub fn kind(&self) -> &'static str {
         match self {
             Fault::Bytes { harm, .. } => match harm {
@@ -186,7 +186,7 @@ impl Fault {
         }
     }
 
-    /// Duration of the fault, ms, if it has one.
+    /// Returns the duration of the fault, ms; zero if it has none.
     pub fn lasts_ms(&self) -> u64 {
         match self {
             Fault::Deaf(ms) | Fault::Stall(ms) | Fault::ForeignProgram(ms) | Fault::Away(ms) => *ms,
@@ -194,14 +194,14 @@ impl Fault {
             Fault::SlowDisk { late_ms, for_ms } => late_ms + for_ms,
             Fault::Jog { for_ms, .. } => *for_ms,
             Fault::Bytes { harm: Harm::Late(ms), .. } => *ms,
-            // The time as drawn, plus the time in which a controller starts again.
+            // The drawn time, plus the time in which a controller restarts.
             Fault::Controller(_) => 6_000,
             _ => 0,
         }
     }
 }
 
-/// The states of the cycle's state machine; in place of the state Execute, the names of its phases.
+/// The states of the cycle's state machine; instead of the state Execute, the names of its phases.
 pub const PLACES: [&str; 23] = [
     "stopped",
     "resetting",
@@ -228,7 +228,8 @@ pub const PLACES: [&str; 23] = [
     "clearing",
 ];
 
-/// The states in which water runs, the arm moves or the tool touches: most faults can have effects there.
+/// The states in which water runs, the arm moves or the tool touches the panel: most faults can have effects in these
+/// states, so they are drawn more often.
 const OFTEN: [&str; 5] = ["wet", "verify", "abrade", "retract", "rinse"];
 
 /// Returns the name of a state; for the state Execute, the name of its phase.
@@ -244,7 +245,7 @@ pub fn place(at: At) -> &'static str {
 pub struct Odds {
     /// Maximum number of entries.
     pub most: usize,
-    /// Whether some entries concern the disk.
+    /// Whether some entries are faults of the disk.
     pub disk: bool,
 }
 
@@ -265,7 +266,7 @@ pub fn draw(seed: u64, odds: Odds) -> Vec<Entry> {
 }
 
 /// Draws combinations that are rare by chance: long silence in contact, messages of ended epochs, a slow disk while
-/// waypoints are permitted, and a power loss of controller and computer.
+/// waypoints are permitted, and a power failure of controller and computer.
 fn aimed(draw: &mut Pcg64, odds: Odds) -> Vec<Entry> {
     let at = |draw: &mut Pcg64, places: &[&str], fault| {
         let (place, visit) = (places.choose(draw).copied().unwrap_or("abrade"), draw.random_range(1..3));
@@ -400,7 +401,7 @@ fn controller(draw: &mut Pcg64) -> Fault {
 const ACKS: [&str; 6] = ["Rx", "Done", "Ep", "Err", "ErrId", "Free"];
 const STATES: [&str; 14] =
     ["T", "Seq", "Re", "Boot", "Sum", "Ep", "Done", "Under", "Mode", "Flags", "In", "Out", "X", "A1"];
-/// The false values that they may have.
+/// The wrong values that these attributes may get.
 const VALUES: [&str; 14] = [
     "0",
     "1",
@@ -457,7 +458,7 @@ fn camera(draw: &mut Pcg64) -> CameraHarm {
         [draw.random_range(0..6)]
 }
 
-/// Returns the controller's fault that this text describes.
+/// Parses a fault of the controller.
 ///
 /// # Errors
 /// If the text does not describe a fault.
@@ -466,7 +467,7 @@ pub fn controller_fault(text: &str) -> Result<mock::Fault, String> {
     spec.planned.first().map(|planned| planned.fault).ok_or_else(|| format!("{text} is no fault"))
 }
 
-/// Returns the requests of a press on which the state machine decides, in order.
+/// Returns the requests to the state machine that a press causes, in order.
 pub fn requests(press: Press) -> Vec<cycle::Request> {
     use cycle::Request as Q;
     match press {
@@ -499,10 +500,10 @@ pub fn print(script: &[Entry]) -> String {
     serde_json::to_string(script).expect("plain data")
 }
 
-/// Reads a printed script.
+/// Parses a printed script.
 ///
 /// # Errors
-/// If it is not a script.
+/// If the text is not a script.
 pub fn parse(text: &str) -> Result<Vec<Entry>, String> {
     serde_json::from_str(text).map_err(|error| format!("this is no script: {error}"))
 }

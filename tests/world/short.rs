@@ -1,11 +1,11 @@
-//! Worlds in each test run: some seeds, worlds that failed once, and tests of the world itself.
+//! The worlds of each test run: some seeds, worlds that failed once, and tests of the world itself.
 
 use crate::world::{Counts, World, parse, print};
 
-/// Number of seeds in each test run; for more: `WORLD_SEEDS=1000`.
+/// Number of seeds in each test run; for more, set `WORLD_SEEDS=1000`.
 const SEEDS: u64 = 120;
 
-/// Worlds in which a fault was found once: the seed, the script, and the finding.
+/// Worlds in which a fault of the product was once detected: the seed, the script, and the violation.
 const FOUND_ONCE: [(u64, &str, &str); 17] = [
     (
         949326,
@@ -114,16 +114,16 @@ fn no_world_violates_a_rule() {
     assert!(counts.cuts > 0 && counts.kills > 0 && counts.cycles >= seeds, "{counts:?}");
 }
 
-/// The same seed gives the same world, to the last line of its journal.
+/// The same seed gives the same world, to the last entry of its journal.
 #[test]
-fn a_world_is_the_same_twice() {
+fn a_seed_always_gives_the_same_world() {
     for seed in [4, 9, 17] {
         let [one, other] = [World::from_seed(seed).run(), World::from_seed(seed).run()];
         assert_eq!((one.trace, one.counts.time_ms), (other.trace, other.counts.time_ms), "seed {seed}");
     }
 }
 
-/// A script that was printed reads back unchanged.
+/// A printed script is read back unchanged.
 #[test]
 fn a_script_reads_back() {
     for seed in 0..200 {

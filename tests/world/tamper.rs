@@ -1,4 +1,4 @@
-//! Changes of bytes in transit: lost, doubled, late, out of order, damaged; and messages with a content that no good
+//! Changes of messages in transit: lost, doubled, late, out of order, damaged; and messages with values that no intact
 //! controller sends.
 
 use super::link_cell::Tamper;
@@ -6,34 +6,34 @@ use super::script::Harm;
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Maximum number of messages that are stored, to be sent once more.
+/// Maximum number of stored messages that may be sent again.
 const MAX_KEPT_MESSAGES: usize = 60;
-/// The operation of a request, as it is written in its message.
+/// The operation of an abort request, as it is written in its message.
 const ABORT: &str = " Op=\"11\"";
 const HEARTBEAT: &str = " Op=\"10\"";
 
 /// The planned changes of the next messages.
 #[derive(Debug, Default)]
 pub struct Tampering {
-    /// Harms: whether the message goes to the controller, the channel, and the harm of the next message there.
+    /// The faults of the next messages: whether the message goes to the controller, the channel, and the fault.
     pub harms: Vec<(bool, usize, Harm)>,
-    /// False values in messages of the controller: the channel, an attribute, its false value, and the number of
-    /// times.
+    /// Wrong values in messages of the controller: the channel, an attribute, its wrong value, and the number of
+    /// messages.
     pub lies: Vec<(usize, String, String, u32)>,
     /// Number of messages that were changed.
     pub applied: u64,
-    /// This number of messages with commands of an ended epoch must arrive once more.
+    /// Number of messages with commands of an ended epoch that must arrive again.
     pub replays: u32,
-    /// This number of aborts are answered like heartbeats, and nothing is stopped.
+    /// Number of aborts that are answered like heartbeats, so that nothing is stopped.
     pub unheeded: u32,
     /// The last messages with commands, each with its epoch.
     sent: VecDeque<(u32, Vec<u8>)>,
-    /// Messages that wait for the one behind them.
+    /// Messages that wait for the following one.
     held: Vec<(bool, usize, Vec<u8>)>,
 }
 
 impl Tampering {
-    /// Returns the function that a link calls for each message.
+    /// Returns the function that the connection calls for each message.
     pub fn port(shared: Arc<Mutex<Tampering>>) -> Tamper {
         Box::new(move |to_robot, channel, bytes| {
             shared.lock().unwrap_or_else(PoisonError::into_inner).message(to_robot, channel, bytes)
@@ -53,7 +53,7 @@ impl Tampering {
         Some(replayed.into_iter().map(|bytes| (0, bytes)).chain(pieces).collect())
     }
 
-    /// Returns a heartbeat in place of an abort, if one must be replaced.
+    /// Returns a heartbeat instead of an abort, if an abort must be replaced.
     fn unheard(&mut self, to_robot: bool, channel: usize, bytes: &[u8]) -> Option<Vec<u8>> {
         if !to_robot || channel == 0 || self.unheeded == 0 {
             return None;
@@ -63,8 +63,8 @@ impl Tampering {
         Some(text.replace(ABORT, HEARTBEAT).into_bytes())
     }
 
-    /// Returns earlier messages of another epoch than this message's, if they must arrive once more. None of them
-    /// may have an effect.
+    /// Returns earlier messages of another epoch than that of this message, if they must arrive again. None of them may
+    /// have an effect.
     fn replayed(&mut self, bytes: &[u8]) -> Vec<Vec<u8>> {
         let Some(epoch) = epoch_of(bytes) else { return vec![] };
         self.sent.push_back((epoch, bytes.to_vec()));
@@ -114,7 +114,7 @@ impl Tampering {
         Some(pieces)
     }
 
-    /// Returns the message with a false attribute value, if a lie is due.
+    /// Returns the message with a wrong attribute value, if one is planned.
     fn lie(&mut self, channel: usize, bytes: &[u8]) -> Option<Vec<u8>> {
         let index = self.lies.iter().position(|(of, ..)| *of == channel)?;
         let (_, name, value, times) = &mut self.lies[index];

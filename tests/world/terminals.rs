@@ -1,5 +1,5 @@
 //! The devices at the controller's terminals: light, spray, lens, extraction and tool with their feedbacks. Outputs
-//! that must never be on together are judged by the outputs themselves.
+//! that must never be on together are checked on the outputs themselves.
 
 use panelprep::devices::mock;
 use std::collections::BTreeMap;
@@ -10,19 +10,19 @@ const SPRAY: u16 = 2;
 const LENS: u16 = 3;
 const EXTRACTION: u16 = 4;
 const TOOL: u16 = 5;
-/// Time from an output to its feedback, ms.
-const ANSWERS_MS: u64 = 150;
+/// Delay between an output and its feedback, ms.
+const FEEDBACK_DELAY_MS: u64 = 150;
 
 /// The outputs and their effects.
 #[derive(Debug, Default)]
 pub struct Around {
     /// The value of each output, and the time since which it has this value, ms.
     outputs: BTreeMap<u16, (bool, u64)>,
-    /// An input that does not follow its output: its number, its value, and the time until which it lasts.
+    /// An input that does not follow its output: its number, its value, and the time until which this lasts, ms.
     pub stuck: Option<(u16, bool, u64)>,
-    /// Time at which the water last came on, and time at which it went off.
+    /// Time at which the water was last switched on, and time at which it was switched off, ms.
     pub water: Option<(u64, Option<u64>)>,
-    /// Actions that violated a rule.
+    /// Actions that violated a requirement.
     pub wrong: Vec<String>,
 }
 
@@ -30,7 +30,7 @@ impl Around {
     /// Returns whether this output has been on, or off, long enough for its feedback to report it.
     fn runs(&self, output: u16, now_ms: u64) -> bool {
         let (on, since_ms) = self.outputs.get(&output).copied().unwrap_or((false, 0));
-        let followed = now_ms >= since_ms + ANSWERS_MS || since_ms == 0;
+        let followed = now_ms >= since_ms + FEEDBACK_DELAY_MS || since_ms == 0;
         on == followed
     }
 
@@ -44,12 +44,12 @@ impl Around {
         self.runs(LENS, now_ms)
     }
 
-    /// Returns whether the light has been on for half a second, the time that it needs.
+    /// Returns whether the light has been on for half a second, which it needs to reach its brightness.
     pub fn is_lit(&self, now_ms: u64) -> bool {
         self.outputs.get(&LIGHT).is_some_and(|(on, since_ms)| *on && now_ms >= since_ms + 500)
     }
 
-    /// Returns whether the feedback of the tool or of the extraction reads off.
+    /// Returns whether the feedback of the tool or of the extraction is off.
     pub fn is_dead(&self, now_ms: u64) -> bool {
         [3, 4].into_iter().any(|input| self.reads(input, now_ms) == Some(false))
     }
@@ -73,7 +73,7 @@ impl Around {
 
     fn switched(&mut self, output: u16, on: bool, now_ms: u64) {
         self.outputs.insert(output, (on, now_ms));
-        // A false feedback may well lead to outputs that must not be on together.
+        // A wrong feedback may lead to outputs that must not be on together.
         let is_lied_to = self.stuck.is_some_and(|(.., until_ms)| now_ms < until_ms + 30_000);
         match (output, on) {
             (SPRAY, true) => {

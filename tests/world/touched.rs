@@ -1,5 +1,5 @@
-//! The grids that the arm touched, from the motions that the controller executed. No count of the store may forget
-//! them before the part has its result, or before another part is in the cell.
+//! The grids that the arm touched, from the motions that the controller executed. The store must count all of them
+//! until the part has its result, or another part is in the cell.
 
 use panelprep::record::{AbradedGrid, ContactPath, CycleId, CycleRecord, EarlierPass, abraded_grids};
 use std::collections::BTreeSet;
@@ -21,12 +21,12 @@ pub struct Touched {
 }
 
 impl Touched {
-    /// Notes a contact path that is on the record and may begin.
+    /// Records a contact path that is in the record and may begin.
     pub fn opens(&mut self, cycle: Option<CycleId>, path: &ContactPath) {
         self.path = cycle.map(|cycle| (cycle, path.clone()));
     }
 
-    /// Notes the number of waypoints that were executed; `None` if it is not known.
+    /// Records the number of executed waypoints; `None` if it is not known.
     pub fn executed(&mut self, executed: Option<usize>) {
         let (Some((cycle, path)), Some(executed)) = (&self.path, executed) else { return };
         let reached = path.grids.iter().filter(|reached| reached.first as usize <= executed);
@@ -35,29 +35,29 @@ impl Touched {
         self.all.extend(places);
     }
 
-    /// The contact is over.
+    /// Records the end of the contact path.
     pub fn closes(&mut self) {
         self.path = None;
     }
 
-    /// Returns whether something was touched on the present part.
+    /// Returns whether a grid was touched on the present part.
     pub fn has_part(&self) -> bool {
         !self.part.is_empty() || !self.lost.is_empty()
     }
 
-    /// Notes that another part is in the cell.
+    /// Records that another part is in the cell.
     pub fn another_part(&mut self) {
         self.part.clear();
         self.lost.clear();
     }
 
-    /// Number of passes on the present part that the store may have lost.
+    /// Returns the number of passes on the present part that the store may have lost.
     pub fn lost(&self) -> usize {
         passes_of(self.lost.iter())
     }
 
-    /// Returns these places of an earlier store, which replaces the store of the later ones. The part in the cell stays
-    /// as the arm left it.
+    /// Returns the touched grids of an earlier store, which replaces the store of the later ones. The part in the cell
+    /// remains as the arm left it.
     pub fn replaces(self, later: &Touched) -> Self {
         let (part, lost): (BTreeSet<Place>, BTreeSet<Place>) =
             later.part.iter().cloned().partition(|place| self.all.contains(place));
@@ -69,13 +69,13 @@ impl Touched {
         }
     }
 
-    /// Notes that the part has its result in this cycle and is taken out.
+    /// Records that the part has its result in this cycle and is taken out.
     pub fn has_result(&mut self, cycle: CycleId) {
         self.part.retain(|(of, ..)| *of > cycle);
         self.lost.retain(|(of, ..)| *of > cycle);
     }
 
-    /// Returns grids that were touched on this part and that a new cycle does not count, if there are any.
+    /// Describes grids that were touched on this part and that a new cycle does not count, if there are any.
     pub fn uncounted(&self, cycle: Option<CycleId>, counted: &[EarlierPass]) -> Option<String> {
         let knows = |(of, pass, grid): &Place| {
             let is_it = |known: &EarlierPass| {
@@ -84,7 +84,7 @@ impl Touched {
             Some(*of) == cycle || counted.iter().any(is_it)
         };
         let stated = counted.iter().filter(|known| known.is_stated).count();
-        // A pass whose permits are in the backup is counted without a statement.
+        // A pass whose permissions are in the backup is counted without a person's statement.
         let lost = passes_of(self.lost.iter().filter(|place| !knows(place)));
         if stated < lost {
             return Some(format!("{lost} passes were lost by a restore, and {stated} are counted"));
@@ -96,7 +96,7 @@ impl Touched {
         ))
     }
 
-    /// Returns grids that were touched in a cycle and that its record does not count, if there are any.
+    /// Describes grids that were touched in a cycle and that its record does not count, if there are any.
     pub fn unrecorded(&self, cycle: CycleId, record: &CycleRecord) -> Option<String> {
         let mut places = self.all.iter().filter(|(of, ..)| *of == cycle).peekable();
         places.peek()?;
@@ -110,7 +110,7 @@ impl Touched {
         Some(format!("{grid} was touched in pass {pass}, and its record does not count it"))
     }
 
-    /// Returns the cycles in which something was touched.
+    /// Returns the cycles in which a grid was touched.
     pub fn cycles(&self) -> impl Iterator<Item = &CycleId> {
         self.all.iter().map(|(cycle, ..)| cycle)
     }

@@ -1,30 +1,29 @@
-//! Compares the record of contact with the messages that this process sent to the record, and with the arm's motions.
-//! The comparison concerns the disc's wear, counted before a path begins and corrected at its end, and the waypoints
-//! that were executed.
+//! Compares the record of contact with the messages that this process sent to the record, and with the arm's motions:
+//! the wear of the disc, which is recorded before a path begins and corrected at its end, and the executed waypoints.
 
 use panelprep::cycle::{Event, Outcome, Path, Report};
 use panelprep::daemon::{RecordAnswer, RecordCommand};
 
-/// Factor by which a path that is cut short, or whose ends are turned, may sweep more than was planned.
+/// Factor by which an interrupted path, or a path whose ends are rotated, may sweep more area than planned.
 const MAX_SWEEP_FACTOR: f64 = 1.2;
 const EXACT_MM2: f64 = 0.01;
 
 /// The messages of this process to the record.
 #[derive(Debug, Default)]
 pub struct Wear {
-    /// The area that the disc has swept, mm², once the record has stated it.
+    /// The area that the disc has swept, mm², after the record has stated it.
     worn_mm2: Option<f64>,
-    /// The swept area before the present contact path, mm²; `path_mm2` is the area that was counted for the path.
+    /// The swept area before the present contact path, mm²; `path_mm2` is the area that was recorded for the path.
     before_mm2: Option<f64>,
     path_mm2: f64,
-    /// Waypoints of the present contact path that were reported as executed.
+    /// Number of waypoints of the present contact path that were reported as executed.
     told: u32,
 }
 
 impl Wear {
-    /// Notes that the record has acknowledged the command. Returns the error in the record's answer, given the number
+    /// Records that the record has acknowledged the command. Returns the error in the record's answer, given the number
     /// of motions that the arm has executed since the path was opened. If the positions that the controller reported
-    /// may have been false, the record may count more wear for a path than there was, and never less.
+    /// may have been wrong, the record may count more wear for a path than there was, but never less.
     pub fn acknowledged(
         &mut self,
         command: &RecordCommand,

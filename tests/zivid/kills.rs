@@ -1,4 +1,4 @@
-//! A worker that is killed at any moment, while its camera receives requests without a pause.
+//! Tests a worker process that is killed at any moment, while its camera receives requests without a pause.
 
 use panelprep::devices::zivid::{ZividFault, ZividScanner, ZividShot};
 use rand::RngExt;
@@ -14,14 +14,14 @@ const START_TIMEOUT: Duration = Duration::from_secs(120);
 /// The result of the kills.
 #[derive(Debug, Default)]
 pub struct Killed {
-    /// The number of kills that each row of the fault model reported, with the activity at that time.
+    /// The number of kills that were reported with each row of the fault model, and the activity at that time.
     pub named: BTreeMap<String, usize>,
     /// Number of complete shots and pictures between the kills.
     pub delivered: usize,
 }
 
-/// Kills the worker this number of times, each at a random moment of a capture, a transfer, a rest or a start.
-pub fn killed(mut scanner: ZividScanner, times: usize, random: &mut impl RngExt) -> Killed {
+/// Kills the worker process this number of times, each at a random moment of a capture, a transfer, a rest or a start.
+pub fn kill_repeatedly(mut scanner: ZividScanner, times: usize, random: &mut impl RngExt) -> Killed {
     scanner.wait_ready(START_TIMEOUT).expect("ready");
     let (is_over, status) = (AtomicBool::new(false), scanner.monitor());
     thread::scope(|scope| {
@@ -29,11 +29,11 @@ pub fn killed(mut scanner: ZividScanner, times: usize, random: &mut impl RngExt)
             let (mut delivered, mut turn) = (0, 0);
             while !is_over.load(Ordering::Relaxed) {
                 turn += 1;
-                // Every fourth request is a picture, and sometimes there is a pause.
+                // Every fourth request is for a picture, and sometimes there is a pause.
                 let asked = if turn % 4 == 0 {
                     scanner.take_picture().map(drop)
                 } else {
-                    scanner.take_scan().map(|shot| right(&shot))
+                    scanner.take_scan().map(|shot| check_shot(&shot))
                 };
                 delivered += usize::from(asked.is_ok());
                 if asked.is_err() || turn % 7 == 0 {
@@ -61,7 +61,7 @@ pub fn killed(mut scanner: ZividScanner, times: usize, random: &mut impl RngExt)
         is_over.store(true, Ordering::Relaxed);
         let (mut scanner, mut delivered) = asks.join().expect("who asks is never stopped");
         scanner.wait_ready(START_TIMEOUT).expect("started again");
-        right(&scanner.take_scan().expect("it delivers again"));
+        check_shot(&scanner.take_scan().expect("it delivers again"));
         delivered += 1;
         let faults = status.faults();
         assert_eq!((faults.len(), status.lost_workers()), (times, times), "each kill is one fault: {faults:#?}");
@@ -86,9 +86,9 @@ fn kill_worker(worker: Option<u32>) -> bool {
     id.is_some_and(|id| kill_process(id, Signal::KILL).is_ok())
 }
 
-/// Checks that a complete shot is equal to the one that was sent: a few points of the surface, as defined at the
-/// top of `play.cpp`.
-pub fn right(shot: &ZividShot) {
+/// Checks that a complete shot is equal to the sent shot: a few points of the surface, as defined at the top of
+/// `play.cpp`.
+pub fn check_shot(shot: &ZividShot) {
     let (width, height) = (shot.cloud.width(), shot.cloud.height());
     let (w, f_px) = (width as f64, 1785.0 * width as f64 / 1944.0);
     for (u, v) in [(width / 2, height / 2), (width / 10, height - 1), (width - 1, 0)] {

@@ -1,4 +1,4 @@
-//! The Zivid camera behind real workers that use the emulated camera: the consequence of each fault of the camera and
+//! Tests the Zivid camera with real worker processes and an emulated camera: the effect of each fault of the camera and
 //! of the process.
 
 mod kills;
@@ -30,9 +30,9 @@ fn ready(
     (folder, scanner)
 }
 
-/// The camera has each fault at its second exposure, which is the first after the warm-up exposure.
+/// Each fault is injected at the camera's second exposure, which is the first after the warm-up exposure.
 #[test]
-fn each_planted_fault_of_the_camera_is_named() {
+fn each_injected_fault_of_the_camera_is_named() {
     let cases = [
         (
             "hang",
@@ -51,7 +51,7 @@ fn each_planted_fault_of_the_camera_is_named() {
         let message = scanner.take_scan().expect_err(fault).to_string();
         assert!(message.starts_with(words), "{fault}: {message}");
         let since = Instant::now();
-        // A worker that was started again counts its exposures from one: its second exposure fails again.
+        // A restarted worker process counts its exposures from one, so its second exposure fails again.
         while !["hang", "crash"].contains(&fault) && scanner.take_scan().is_err() {
             assert!(since.elapsed() < TIMEOUT, "{fault}: {:?}", scanner.history());
             std::thread::sleep(Duration::from_millis(10));
@@ -63,7 +63,7 @@ fn each_planted_fault_of_the_camera_is_named() {
     assert!(message.starts_with("C3 the 3D camera is hot and paused for 2500 ms during a picture"), "{message}");
 }
 
-/// Returns an emulated camera on the network, described by these lines, and its workers.
+/// Returns an emulated camera on the network, described by these lines, and the launcher of its worker processes.
 fn on_the_network(folder: &Path, [width, height]: [usize; 2], lines: &str) -> (CameraSetup, WorkerLauncher) {
     let (setup, _) = stub::camera(folder, [width, height], lines);
     let named = format!("PANELPREP_ZIVID_STUB={}", folder.join("camera.zfc").display());
@@ -73,7 +73,7 @@ fn on_the_network(folder: &Path, [width, height]: [usize; 2], lines: &str) -> (C
     (CameraSetup { source: Source::Only, ..setup }, command_launcher("/usr/bin/env".into(), arguments.into()))
 }
 
-/// The message about a camera that is connected and cannot be opened does not ask "is its cable in?".
+/// The message about a camera that is connected and cannot be opened does not ask for its cable.
 #[test]
 fn a_connected_camera_that_cannot_be_opened_states_why() {
     let cases = [
@@ -102,8 +102,8 @@ fn a_connected_camera_that_cannot_be_opened_states_why() {
     scanner.take_scan().expect("and delivers");
 }
 
-/// Calculated by hand: 30 °C at the first exposure, which is the warm-up, and half a degree more at each later one. The
-/// samples expose for 10 ms in 3D and 20 ms for the film.
+/// Expected temperature, calculated by hand: 30 °C at the first exposure, which is the warm-up, and half a degree more
+/// at each later one. The samples expose for 10 ms in 3D and 20 ms for the film.
 #[test]
 fn each_shot_states_its_own_temperature_and_exposure() {
     let (_folder, mut scanner) = ready("lens 30\nwarms 0.5\nfault 4 throttled\nlight grid50hz 100\n", |_| ());
@@ -124,8 +124,8 @@ fn each_shot_states_its_own_temperature_and_exposure() {
     assert_eq!((light.flicker, light.frequency.as_str()), (Flicker::Grid50Hz, "100"));
 }
 
-/// The film's pictures have the camera's own times. A reader that pauses then receives the newest three pictures, after
-/// a gap as long as the pause.
+/// The pictures of a film have the times of the camera's clock. After a pause, the reader receives the newest three
+/// pictures, after a gap as long as the pause.
 #[test]
 fn a_film_that_is_not_read_has_a_gap() {
     let (folder, scanner) = ready("", |_| ());
@@ -138,7 +138,7 @@ fn a_film_that_is_not_read_has_a_gap() {
     assert!(before[0] > dry_s && before.is_sorted_by(|a, b| a < b), "{dry_s} {before:?}");
     std::thread::sleep(Duration::from_millis(500));
     let after: Vec<f64> = (0..3).map(|_| next()).collect();
-    // Three pictures waited; the last of them was taken just before this.
+    // Three pictures were waiting; the last of them was captured just before this.
     assert!(after[0] - before[4] > 0.2 && after.is_sorted_by(|a, b| a < b), "{before:?} {after:?}");
     assert!(eyes.end_film().expect("ended") >= 3, "of twenty-five in that time; a busy machine takes fewer");
 }
@@ -149,8 +149,8 @@ fn lens() -> PinholeCamera {
     PinholeCamera { width_px, height_px, fx_px: 150.0, fy_px: 150.0, cx_px: 80.5, cy_px: 49.5, k1, k2, p1, p2, k3 }
 }
 
-/// A crash at each first shot: after three restarts the camera stays down and reports this, also at a person's
-/// reset.
+/// The camera crashes at each first shot: after three restarts it is not restarted any more and reports this, also
+/// after a reset by a person.
 #[test]
 fn a_camera_that_crashes_each_time_stays_down() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -175,7 +175,7 @@ fn a_worker_without_its_library_states_what_to_do() {
     assert!(told.starts_with("C1 the 3D camera's worker cannot run: ") && told.contains("`make zivid`"), "{told}");
 }
 
-/// Runs five of the two hundred kills of `make bench-worker`, at full size, so that half of them strike during a
+/// Runs five of the two hundred kills of `make bench-worker`, at full size, so that half of them occur during a
 /// transfer or a capture.
 #[test]
 fn five_kills_are_five_named_faults() {
@@ -183,12 +183,12 @@ fn five_kills_are_five_named_faults() {
     let (mut setup, launch) = stub::camera(folder.path(), [1944, 1200], "");
     setup.restarts = Restarts { max_restarts: 1_000, ..Restarts::default() };
     let scanner = ZividScanner::start(setup, launch).expect("a thread");
-    let killed = kills::killed(scanner, 5, &mut rand_pcg::Pcg64::seed_from_u64(9));
+    let killed = kills::kill_repeatedly(scanner, 5, &mut rand_pcg::Pcg64::seed_from_u64(9));
     assert_eq!(killed.named.values().sum::<usize>(), 5, "{killed:?}");
     assert!(killed.delivered >= 1, "{killed:?}");
 }
 
-/// The worker cannot be started by hand: its standard input is then not a socket.
+/// A person cannot start the worker process, because its standard input is then not a socket.
 #[test]
 fn the_worker_cannot_be_started_by_hand() {
     let ran = std::process::Command::new(env!("CARGO_BIN_EXE_panelprep"))

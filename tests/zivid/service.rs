@@ -1,4 +1,4 @@
-//! The service of a cell whose 3D camera is killed again and again.
+//! Tests the service of a cell whose 3D camera is killed repeatedly.
 
 use super::stub;
 use crate::commands::{json, rendered};
@@ -32,9 +32,9 @@ fn with_zivid(folder: &Path) {
     std::fs::write(folder.join("cell/camera.zfc"), "width 486\nheight 300\n").expect("written");
 }
 
-/// Three kills are repaired, each with a line in the log. After the fourth the camera stays down, and the reset
-/// reports this. The service continues and ends correctly. An upgrade that replaces the program's file meanwhile
-/// changes nothing.
+/// After each of three kills the worker process is restarted, with a line in the log. After the fourth kill the camera
+/// is not restarted, and the reset reports this. The service continues and ends correctly. An upgrade that replaces the
+/// program's file meanwhile has no effect.
 #[test]
 fn the_service_outlives_its_camera() {
     let folder = rendered("good");
@@ -74,11 +74,11 @@ fn the_service_outlives_its_camera() {
         service.ctl("state").1["reasons"].to_string().contains("C11 the 3D camera's worker stays down")
     });
     service.signal(Signal::TERM);
-    assert!(service.ended().success());
+    assert!(service.wait_for_end().success());
 }
 
 /// The reports of doctor about a Zivid, in addition to whether the camera delivers shots: the flicker of the light, the
-/// graphics processor, and whether the camera is warm, which is not known yet. A film by the projector's light is
+/// graphics processor, and whether the camera is warm, which is not known yet. A film with the projector's light is
 /// refused with file, line and key.
 #[test]
 fn doctor_checks_light_warm_up_and_settings() {

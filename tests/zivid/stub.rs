@@ -1,4 +1,4 @@
-//! The camera library with the emulated camera, and cameras behind real workers; for tests and the bench.
+//! The camera library with the emulated camera, and cameras with real worker processes; for tests and the bench.
 
 use panelprep::devices::zivid::{
     AnswerTimeouts, CameraSetup, Restarts, Size, Source, WorkerLauncher, command_launcher,
@@ -11,8 +11,8 @@ mod built;
 
 pub use built::{PICTURE, SCAN, library};
 
-/// Returns an emulated camera of this size, described by a file of these lines, and its launcher: this program runs as
-/// the worker.
+/// Returns an emulated camera of this size, described by a file with these lines, and its launcher: this program runs
+/// as the worker process.
 pub fn camera(folder: &Path, [width, height]: [usize; 2], lines: &str) -> (CameraSetup, WorkerLauncher) {
     let file = folder.join("camera.zfc");
     std::fs::write(&file, format!("width {width}\nheight {height}\n{lines}")).expect("written");

@@ -7,7 +7,7 @@ use panelprep_base::verdict::Reason;
 use panelprep_cell::cell::{MainsFrequency, ZividSettings, ZividUse};
 use panelprep_devices::gige::socket_buffer_bytes;
 use panelprep_devices::zivid::{Flicker, Light, WarmUpState};
-use panelprep_service::daemon::{self, FLOOR_MB};
+use panelprep_service::daemon::{self, MIN_FREE_SPACE_MB};
 use panelprep_store::store::free_mb;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -66,12 +66,12 @@ const MAX_CLOCK_LEAD_S: i64 = 60;
 fn judge_disk(folder: &str, free_mb: u64) -> Check {
     let found = format!("{free_mb} MB free on the disk of the store, {folder}");
     match free_mb {
-        ..FLOOR_MB => Check::failed(
+        ..MIN_FREE_SPACE_MB => Check::failed(
             "disk",
             found,
-            format!("free some space: no cycle starts below {FLOOR_MB} MB; a film needs 100 to 500 MB"),
+            format!("free some space: no cycle starts below {MIN_FREE_SPACE_MB} MB; a film needs 100 to 500 MB"),
         ),
-        FLOOR_MB..MIN_FREE_MB => Check::passed("disk", format!("{found}; enough for a few cycles only")),
+        MIN_FREE_SPACE_MB..MIN_FREE_MB => Check::passed("disk", format!("{found}; enough for a few cycles only")),
         _ => Check::passed("disk", found),
     }
 }
@@ -79,8 +79,8 @@ fn judge_disk(folder: &str, free_mb: u64) -> Check {
 /// Returns an alarm if the free disk space is low; `None` if it is sufficient.
 pub(in crate::cli) fn check_low_disk_space(folder: &str, free_mb: u64) -> Option<Reason> {
     let code = match free_mb {
-        ..FLOOR_MB => "disk_full",
-        FLOOR_MB..MIN_FREE_MB => "disk_scarce",
+        ..MIN_FREE_SPACE_MB => "disk_full",
+        MIN_FREE_SPACE_MB..MIN_FREE_MB => "disk_scarce",
         _ => return None,
     };
     let Check { found, advice, .. } = judge_disk(folder, free_mb);
@@ -370,13 +370,13 @@ mod tests {
     #[test]
     fn a_full_disk_and_a_small_buffer_state_what_to_do() {
         assert!(
-            judge_disk("store", FLOOR_MB).is_passed()
+            judge_disk("store", MIN_FREE_SPACE_MB).is_passed()
                 && judge_disk("store", 50_000).found.starts_with("50000 MB free")
         );
-        let full = judge_disk("store", FLOOR_MB - 1);
+        let full = judge_disk("store", MIN_FREE_SPACE_MB - 1);
         assert!(!full.is_passed() && full.advice.contains("1000 MB"));
-        let alarm = |free_mb| check_low_disk_space("store", free_mb).map(|reason| reason.code.into_owned());
-        let codes = [FLOOR_MB - 1, FLOOR_MB, MIN_FREE_MB].map(alarm);
+        let alarm = |free_mb| low_disk_space("store", free_mb).map(|reason| reason.code.into_owned());
+        let codes = [MIN_FREE_SPACE_MB - 1, MIN_FREE_SPACE_MB, MIN_FREE_MB].map(alarm);
         assert_eq!(codes, [Some("disk_full".to_owned()), Some("disk_scarce".to_owned()), None]);
         let buffer = |largest| judge_receive_buffer(largest, 20_874_880, Some([5_472, 3_648]));
         assert!(buffer(Some(20_874_880)).is_passed() && buffer(Some(20_874_880)).found.contains("5472×3648"));

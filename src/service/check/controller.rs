@@ -21,7 +21,7 @@ pub(super) fn compare_programs(files: &[(&str, &str)], reports: &mut [FileReport
     compare_accelerations(files, reports);
 }
 
-/// Adds each difference to the report of the file in which it was found.
+/// Adds each difference to the report of the file that contains it.
 fn report_differences(differences: Vec<Difference>, files: &[(&str, &str)], reports: &mut [FileReport]) {
     for difference in differences {
         let Some(place) = file_index(difference.file, files) else { continue };
@@ -32,7 +32,7 @@ fn report_differences(differences: Vec<Difference>, files: &[(&str, &str)], repo
     }
 }
 
-/// Reports recipes with an acceleration above the highest one that the controller accepts.
+/// Reports recipes whose acceleration is above the maximum that the controller accepts.
 fn compare_accelerations(files: &[(&str, &str)], reports: &mut [FileReport]) {
     let Some(config) = file_index(CONFIG, files) else { return };
     let Some(most_m_s2) = highest_acceleration_m_s2(files[config].1) else { return };
@@ -55,7 +55,7 @@ fn file_index(name: &str, files: &[(&str, &str)]) -> Option<usize> {
     files.iter().position(|(file, _)| is_named(file, name))
 }
 
-/// Compares the controller's files with the cell, which has a controller.
+/// Compares the controller's files with a cell that has a controller.
 pub(super) fn compare_with_cell(
     files: &[(&str, &str)],
     (cell_place, cell): (usize, &Cell),
@@ -117,7 +117,7 @@ pub(super) fn compare_with_cell(
                 reports[place].problems.push(problem);
             }
         }
-        // The report of the file with this value already states this problem.
+        // The report of the file that contains this value already states this problem.
         (Err(SumError::UserEdited { .. }), _) => {}
         (Err(error), Some(kept)) => {
             reports[cell_place].descriptions.push(format!("programs_sum {kept} was not compared: {error}"));
@@ -151,7 +151,7 @@ pub(super) fn check_krl_files(files: &[(usize, &str, &str)], kss: Option<Kss>) -
     files.iter().map(|(place, ..)| *place).zip(found).map(report).collect()
 }
 
-/// Merges warnings that state the same about different names: one warning at the line of the first, with all names.
+/// Merges warnings with the same message about different names into one warning, at the line of the first.
 fn merge_duplicates(warnings: Vec<Problem>) -> Vec<Problem> {
     let mut all: BTreeMap<String, Vec<Problem>> = BTreeMap::new();
     for warning in warnings {
@@ -162,7 +162,7 @@ fn merge_duplicates(warnings: Vec<Problem>) -> Vec<Problem> {
     all
 }
 
-/// Merges problems with the same message, at least one, into one problem; it lists the names in the order of the lines.
+/// Merges one or more problems with the same message into one problem that lists their names in the order of the lines.
 fn merge_problems(mut same: Vec<Problem>) -> Problem {
     let first = same.remove(0);
     if same.is_empty() {
@@ -176,7 +176,7 @@ fn merge_problems(mut same: Vec<Problem>) -> Problem {
     Problem { line: first.line, key: names.join(", "), message: first.message }
 }
 
-/// Describes the kinds of statements that were checked but that a rehearsal does not execute, each with its first
+/// Describes the kinds of statements that were checked but are not executed in a rehearsal, each kind with its first
 /// lines; `None` if every statement is executed. At most [`MAX_LISTED`] kinds are listed.
 fn unexecuted_kinds(unexecuted: &[Problem]) -> Option<String> {
     let mut lines: BTreeMap<&str, Vec<usize>> = BTreeMap::new();
@@ -218,7 +218,7 @@ mod tests {
         assert!(missed.is_empty(), "{} of {}:\n{}", missed.len(), MISTAKES.len(), missed.join("\n"));
     }
 
-    /// Without a cell's file, the programs are compared with each other.
+    /// If no cell's file is given, the programs are compared with each other.
     #[test]
     fn programs_are_compared_with_each_other_without_a_cell() {
         for (from, to) in [("DECL GLOBAL INT CELL_OFF_MS[31]\n", ""), ("CELL_USER_N=1", "CELL_USER_N=2")] {
@@ -227,7 +227,7 @@ mod tests {
             assert!(!reported(&all).is_empty(), "{from}");
         }
     }
-    /// Both accelerations are in m/s²: the recipe's 3 m/s² exceed the controller's 2 m/s², and 1 m/s² do not.
+    /// The recipe's acceleration of 3 m/s² exceeds the controller's limit of 2 m/s²; 1 m/s² does not.
     #[test]
     fn a_recipe_above_the_controllers_acceleration_is_reported() {
         let recipe = include_str!("../../../config/panels/example.toml");

@@ -1,6 +1,7 @@
-//! Checks classic EthernetKRL files, shipped or foreign: errors, pitfalls, and a description of the channel.
+//! Checks classic EthernetKRL files, of this program or of other authors: errors, pitfalls, and a description of the
+//! channel.
 //!
-//! The client's reader (`eki::channel`) notes everything that differs from the manual. This module adds:
+//! The reader (`eki::channel`) already reports everything that differs from the manual. This module adds:
 //!
 //! - the pitfalls of `eki.md` 6, which the controller accepts although they lead to problems, and properties that
 //!   cannot work;
@@ -11,7 +12,8 @@
 //! The facts are in `eki.md` 1 and 6. RAW channels, channels on which the controller connects as a client, and unknown
 //! names are read as well, and all problems are reported.
 //!
-//! This module does not check the newer dialect of EthernetKRL 6; it only reports that a file is written in it.
+//! This module does not check the newer dialect of EthernetKRL 6; it only reports that a file is written in this
+//! dialect.
 
 use panelprep_base::config::Problem;
 use panelprep_kuka::eki::channel::{
@@ -19,19 +21,19 @@ use panelprep_kuka::eki::channel::{
 };
 use std::collections::{BTreeMap, BTreeSet};
 
-/// The result of the check of one file.
+/// The result of the check of one EthernetKRL file.
 pub(super) struct EkiCheckResult {
     /// Properties that the controller refuses or with which it cannot work.
     pub(super) problems: Vec<Problem>,
     /// Properties that the controller accepts although they lead to problems.
     pub(super) warnings: Vec<Problem>,
-    /// The properties of the channel, one sentence for each.
+    /// Description of the channel, one sentence for each property.
     pub(super) descriptions: Vec<String>,
     /// The channel; `None` if the file is not a channel.
     pub(super) channel: Option<StatedChannel>,
 }
 
-/// Checks one file by itself; `name` is the file's name.
+/// Checks one EthernetKRL file by itself; `name` is the file's name in messages.
 pub(super) fn check_eki_file(name: &str, text: &str) -> EkiCheckResult {
     let (channel, mut found) = match read(name, text) {
         Ok(read) => read,
@@ -54,11 +56,11 @@ pub(super) fn check_eki_file(name: &str, text: &str) -> EkiCheckResult {
 
 /// The ports that the controller's firewall opens.
 const FIREWALL_PORTS: std::ops::RangeInclusive<u16> = 54_600..=54_615;
-/// The number after 1024, the last `$FLAG`. The manual's range for Set_Flag includes 1025, so 1025 gives only a
-/// warning; larger numbers are problems.
+/// First number that no `$FLAG` of KRL has: flags end at 1024. The manual's range for Set_Flag includes 1025, therefore
+/// 1025 gives only a warning; larger numbers are problems.
 const FIRST_INVALID_FLAG: u32 = 1025;
 
-/// Adds to `found` all pitfalls that are visible in the file of one channel.
+/// Adds to `found` the pitfalls that can be detected in the file of one channel.
 fn find_pitfalls(channel: &StatedChannel, found: &mut Findings) {
     check_addresses(channel, found);
     check_lifetime(channel, found);
@@ -226,8 +228,8 @@ fn check_elements(channel: &StatedChannel, found: &mut Findings) {
     check_root_flags(channel, found);
 }
 
-/// Warns if no flag shows that a whole message has arrived. The flag of a root element shows this; the flag of a leaf
-/// shows only that the message contained the leaf.
+/// Warns if no flag indicates that a whole message has arrived. The flag of a root element does; the flag of a leaf
+/// element only indicates that the message contained this leaf.
 fn check_root_flags(channel: &StatedChannel, found: &mut Findings) {
     let mut seen = BTreeSet::new();
     for element in channel.received.iter().filter(|element| !element.tag_below_root().is_empty()) {
@@ -251,8 +253,8 @@ fn check_root_flags(channel: &StatedChannel, found: &mut Findings) {
     }
 }
 
-/// Returns whether the element with this tag contains all data below this root, so that its flag shows that all data
-/// have arrived.
+/// Returns whether the element with this tag contains all data of this root element, so that its flag indicates that
+/// all data have arrived.
 fn contains_all_data(channel: &StatedChannel, root: &str, tag: &str) -> bool {
     let inside = format!("{tag}/");
     let mut data = channel.received.iter().filter(|element| element.root() == root && element.kind.is_some());
@@ -297,8 +299,8 @@ fn check_raw_elements(channel: &StatedChannel, found: &mut Findings) {
     }
 }
 
-/// Returns a problem for each port and each signal that two channels use, once for each of the two channels; each
-/// problem with the index of its channel in the list.
+/// Returns the ports and signals that two channels use: one problem for each of the two channels, with the index of the
+/// channel in the list.
 pub(super) fn find_clashes(channels: &[(usize, &str, &StatedChannel)]) -> Vec<(usize, Problem)> {
     let mut found = Vec::new();
     for (nth, (place, _, channel)) in channels.iter().enumerate() {
@@ -312,7 +314,7 @@ pub(super) fn find_clashes(channels: &[(usize, &str, &StatedChannel)]) -> Vec<(u
 }
 
 /// Returns a warning for each channel on which the controller listens at another address than on the first channel. A
-/// controller has few networks, and usually only one for this purpose.
+/// controller usually has only one network for this purpose.
 pub(super) fn differing_address_warnings(channels: &[(usize, &str, &StatedChannel)]) -> Vec<(usize, Problem)> {
     let listening = channels.iter().filter(|(_, _, channel)| channel.does_controller_listen());
     let mut stated = listening.filter_map(|(place, file, channel)| {
@@ -458,7 +460,7 @@ fn describe_buffers(channel: &StatedChannel) -> String {
     )
 }
 
-/// Returns a sentence for each root element, in the file's order.
+/// Returns one sentence for each root element, in the order of the file.
 fn describe_roots(verb: &str, elements: &[StatedElement]) -> Vec<String> {
     let mut names: Vec<&str> = Vec::new();
     for element in elements {

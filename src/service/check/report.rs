@@ -1,4 +1,4 @@
-//! The report on one file, and the sentences in it that describe how the program understood the file.
+//! The report of `check` on one file, with sentences that describe how the program understood the file.
 
 use panelprep_base::config::Problem;
 use panelprep_base::geometry::{Degrees, Frame, Vector, polygon};
@@ -11,7 +11,7 @@ use panelprep_cell::recipe::Recipe;
 use panelprep_store::office::ArchiveSettings;
 use std::collections::BTreeMap;
 
-/// Name of the kind of a recipe, which is checked against a cell.
+/// Kind of a recipe's file, which is checked against a cell.
 pub(super) const RECIPE: &str = "recipe";
 
 /// The result of the check of one file.
@@ -19,16 +19,16 @@ pub(super) const RECIPE: &str = "recipe";
 pub struct FileReport {
     /// The kind of the file; `None` if it is not clear.
     pub kind: Option<&'static str>,
-    /// Problems of the file, in the order of the lines.
+    /// Problems of the file, ordered by line.
     pub problems: Vec<Problem>,
-    /// Properties that are allowed but lead to problems, in the order of the lines.
+    /// Properties that are allowed but lead to problems, ordered by line.
     pub warnings: Vec<Problem>,
-    /// Content of the file as the program understood it, one sentence each; empty if a file in one of this program's
-    /// own formats has problems.
+    /// Content of the file as the program understood it, one sentence for each property. Empty if a file in one of this
+    /// program's own formats has problems.
     pub descriptions: Vec<String>,
 }
 
-/// Returns the indices of the files of this kind.
+/// Returns the indices of the reports on files of this kind.
 pub(super) fn reports_of_kind(kind: &'static str, reports: &[FileReport]) -> Vec<usize> {
     (0..reports.len()).filter(|place| reports[*place].kind == Some(kind)).collect()
 }
@@ -41,7 +41,7 @@ fn describe_zivid(zivid: &ZividCamera, device: &str) -> String {
     };
     match zivid.settings.is_some() && zivid.settings_2d.is_some() {
         true => which,
-        false => format!("{which}; takes no shot until settings and settings_2d are named"),
+        false => format!("{which}; it cannot capture until settings and settings_2d are named"),
     }
 }
 
@@ -53,7 +53,7 @@ fn describe_gige(gige: &Gige, device: &str) -> String {
     }
 }
 
-/// Describes the outputs that the controller switches off automatically, and when.
+/// Describes which outputs the controller switches off automatically, and after which delay.
 fn describe_off_delays(after_s: &BTreeMap<String, u16>) -> String {
     let say = |(name, after_s): (&String, &u16)| match after_s {
         0 => format!("{name} at once"),
@@ -104,7 +104,7 @@ pub(super) fn describe_cell(cell: &Cell) -> Vec<String> {
             list(space.min.mm.coords.as_slice()),
             list(space.max.mm.coords.as_slice())
         ),
-        None => "no box for the tool centre point is configured".to_owned(),
+        None => "no box that limits the tool centre point is configured".to_owned(),
     };
     vec![
         format!("scanner: {}", describe_camera(cell.scanner(), |zivid| describe_zivid(zivid, "Zivid"))),
@@ -133,7 +133,7 @@ pub(super) fn describe_cell(cell: &Cell) -> Vec<String> {
     ]
 }
 
-/// Describes what the cell cannot prove about its tool; empty if it can prove that the tool is off.
+/// Returns a warning if the cell has no signal that proves that its tool is off; otherwise an empty text.
 fn describe_tool_off(cell: &Cell) -> &'static str {
     let has_tool = cell.inputs_outputs().output(Output::Tool).is_some();
     if has_tool && !cell.inputs_outputs().proves_tool_off() {
@@ -154,8 +154,8 @@ pub(super) fn describe_recipe(recipe: &Recipe) -> Vec<String> {
     let mut descriptions = vec![
         format!("panel {}: {} rows by {} columns of grids", recipe.panel(), region.rows(), region.columns()),
         format!("film observed for {observation}, {} pictures per second", process.frames_per_second()),
-        format!("a grid is abraded at most {} times per cycle", process.max_passes_per_grid()),
-        format!("a part is abraded in at most {} passes over all its cycles", process.effective_passes_per_part()),
+        format!("a grid is sanded at most {} times per cycle", process.max_passes_per_grid()),
+        format!("a part is sanded in at most {} passes over all its cycles", process.effective_passes_per_part()),
         format!(
             "panel accepted up to {} mm shift, {}° rotation and {}° tilt from its taught pose",
             locate.max_shift_mm(),
@@ -220,7 +220,7 @@ pub(super) fn describe_intrinsics(intrinsics: Intrinsics) -> Vec<String> {
     descriptions
 }
 
-/// Returns the arm's name and the source of its numbers; for a custom arm, the nearest named arm.
+/// Returns the name of the arm's model and the source of its parameters; for a custom arm, the most similar model.
 fn describe_arm(arm: &Arm) -> String {
     match (arm.margins().model(), arm.nearest_preset()) {
         (ArmModel::Named(preset), _) => format!("{}, from the public model of {}", preset.name, preset.source),
@@ -251,7 +251,7 @@ pub(super) fn describe_archive(settings: &ArchiveSettings) -> Vec<String> {
     let ArchiveSettings { broker, waiting_gb, database, files, fleet } = settings;
     let page = fleet.as_ref().map_or("none".to_owned(), |fleet| format!("at {}", fleet.listen));
     vec![
-        format!("the office's page: {page}"),
+        format!("web page of the office server: {page}"),
         format!("broker {}, at most {waiting_gb} GB of waiting messages", broker.address),
         format!("database {} of {} at {}:{}", database.name, database.user, database.host, database.port),
         format!("files in {}", files.display()),
@@ -270,11 +270,11 @@ pub(super) fn describe_removal(found: &RemovalCalibration) -> Vec<String> {
         ),
         match numbers.disc_deviation_percent() {
             Some(percent) => format!(
-                "{} discs, whose removal differs by {} % from disc to disc",
+                "{} discs; the standard deviation of the removal between discs is {} %",
                 numbers.discs(),
                 fixed_decimals(percent, 1)
             ),
-            None => "the scatter from disc to disc is not known: calibrate the removal again".to_owned(),
+            None => "the standard deviation between discs is not known: calibrate the removal again".to_owned(),
         },
         format!(
             "ln k falls by {} per square metre that the disc swept; orbit of {} mm at {} rev/min, pad stiffness {} N/mm³",

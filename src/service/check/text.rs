@@ -1,13 +1,13 @@
-//! Decodes the bytes of a file to text, after determining its encoding.
+//! Determines the encoding of a file and decodes its bytes to text.
 //!
 //! Files of the controller come in many encodings. Their structure is ASCII, and other characters occur only in
-//! comments and texts, so no byte is a reason to refuse such a file. Files of this program are UTF-8, because every
-//! command reads them as UTF-8.
+//! comments and texts, so such a file is never refused because of a single byte. Files of this program are UTF-8,
+//! because every command reads them as UTF-8.
 
 use encoding_rs::{Encoding, UTF_8, UTF_16BE, UTF_16LE, WINDOWS_1252};
 use panelprep_base::config::Problem;
 
-/// A file whose bytes are not text in a supported encoding.
+/// Error: the bytes of a file are not text in a supported encoding.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
 pub struct EncodingError(String);
@@ -17,11 +17,11 @@ pub struct EncodingError(String);
 pub struct DecodedText {
     /// The text.
     pub text: String,
-    /// The encoding that was assumed, as a warning, if the file is certainly not in the encoding that it states.
+    /// A warning with the encoding that was assumed, if the file is certainly not in its declared encoding.
     pub warning: Option<Problem>,
 }
 
-/// Returns the error that states which line is not UTF-8, and how to correct it.
+/// Returns the error that states which line is not UTF-8, and how to correct the file.
 pub fn utf_8_error(bytes: &[u8], error: &std::str::Utf8Error) -> EncodingError {
     if matches!(bytes, [0xFF, 0xFE, ..] | [0xFE, 0xFF, ..]) {
         return EncodingError("is UTF-16, as PowerShell's > writes it; save the file as UTF-8".to_owned());
@@ -33,8 +33,8 @@ fn line_number(bytes: &[u8], at: usize) -> usize {
     1 + bytes[..at].iter().filter(|byte| **byte == b'\n').count()
 }
 
-/// Decodes these bytes. A file of this program is UTF-8. XML and KRL are UTF-16 if their first bytes show this;
-/// otherwise they have the encoding that the XML declaration names, or UTF-8. If that fails, each byte is decoded as
+/// Decodes the bytes of a file. A file of this program is UTF-8. XML and KRL are UTF-16 if their first bytes show this;
+/// otherwise they have the encoding that the XML declaration names, or UTF-8. If this fails, each byte is decoded as
 /// one character of Windows-1252, which controllers in Western countries write.
 ///
 /// # Errors
@@ -68,7 +68,7 @@ fn is_xml(name: &str, bytes: &[u8]) -> bool {
     name.to_lowercase().ends_with(".xml") || start.next() == Some(&b'<')
 }
 
-/// Detects UTF-16 by its byte order mark, or by a first character that is ASCII.
+/// Detects UTF-16 by its byte order mark, or by an ASCII character at the beginning.
 fn detect_utf_16(bytes: &[u8]) -> Option<&'static Encoding> {
     match bytes {
         [0xFF, 0xFE, ..] => Some(UTF_16LE),
@@ -87,11 +87,11 @@ fn decode_utf_16(bytes: &[u8], encoding: &'static Encoding) -> Result<DecodedTex
     Ok(DecodedText { text: text.into_owned(), warning: None })
 }
 
-/// Decodes with the declared encoding, or with UTF-8 if none is declared. If the bytes are not valid in it, they are
-/// decoded as UTF-8, or else as Windows-1252, in which each byte is a character.
+/// Decodes with the declared encoding, or with UTF-8 if none is declared. If the bytes are not valid in this encoding,
+/// they are decoded as UTF-8, or else as Windows-1252, in which each byte is a character.
 fn decode_declared(bytes: &[u8], encoding: &'static Encoding, stated: Option<&str>, is_xml: bool) -> DecodedText {
     let read = encoding.decode_without_bom_handling_and_without_replacement(bytes);
-    // UTF-16 is detected by a file's first bytes, and this file does not begin with such bytes, so a declaration of
+    // UTF-16 is detected by the first bytes of a file. This file does not begin with such bytes, so its declaration of
     // UTF-16 is wrong.
     let is_wide = [UTF_16LE, UTF_16BE].contains(&encoding);
     if let Some(text) = read.filter(|_| !is_wide) {
@@ -118,8 +118,8 @@ fn decode_declared(bytes: &[u8], encoding: &'static Encoding, stated: Option<&st
         );
         Problem { line, key: "encoding".to_owned(), message }
     };
-    // KRL has no declaration, so no warning is possible: its editor writes in the encoding of the controller's
-    // language.
+    // KRL has no declaration of its encoding, so no warning is possible: its editor writes in the encoding of the
+    // controller's language.
     DecodedText { text, warning: is_xml.then(warning) }
 }
 
@@ -172,7 +172,7 @@ mod tests {
         assert!(declared("Shift_JIS", b"<A/>").is_ok());
     }
 
-    /// The structure is read in every encoding; a warning names the line with the first byte that is not valid.
+    /// Files in every encoding are read; a warning names the line with the first byte that is not valid.
     #[test]
     fn xml_with_a_wrong_declared_encoding_is_decoded_with_a_warning() {
         let warned = |bytes: &[u8]| {

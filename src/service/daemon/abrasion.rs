@@ -1,6 +1,6 @@
-//! The area that is still to be abraded, the plan over it, and the executed part of the plan.
+//! The area that still must be sanded, the plan for it, and the executed part of the plan.
 
-use super::answers::{figure, figure_alone, grade_judgement, reason};
+use super::answers::{figure, figure_without_picture, grade_judgement, reason};
 use super::error::DaemonError;
 use super::films::mask_hash;
 use super::perception::{Perception, view};
@@ -32,35 +32,36 @@ use std::sync::Arc;
 /// The last plan, and the work done by all plans of the cycle.
 #[derive(Debug, Default, Clone)]
 pub(super) struct AbrasionWork {
-    /// The taught region's surface, once it is known.
+    /// The surface of the taught region; `None` until it is computed.
     taught: Option<Arc<Fit>>,
     /// The surface of the region in today's scan, on which paths are planned.
     fit: Option<Arc<Fit>>,
     plan: Option<(u64, Plan)>,
-    /// For each grid the number of passes that touched it, and the last of these passes.
+    /// For each grid, the number of passes that touched it, and the number of the last of these passes.
     touched: BTreeMap<GridId, (usize, u8)>,
-    /// The last pass in which a grid was abraded completely.
+    /// For each grid, the last pass that sanded it completely.
     done: BTreeMap<GridId, u8>,
-    /// The maximum number of abrasions of a grid, from the last plan's recipe.
+    /// Maximum number of passes over a grid, from the recipe of the last plan.
     most_passes: usize,
-    /// The area that the disc in use has swept so far, from the store, mm².
+    /// The area that the present disc has swept so far, mm², from the store.
     pub worn_mm2: f64,
-    /// The material that the passes of this cycle have removed so far, if it is known.
+    /// The material that the passes of this cycle have removed, if it is known.
     removed: Option<RemovalMap>,
-    /// The taught pixels that the disc touched in this cycle, or may have touched: the dry picture does not show their
+    /// The taught pixels that the disc touched in this cycle, or may have touched. The dry picture does not show their
     /// present appearance.
     sanded: Option<Arc<Mask>>,
-    /// The passes of earlier cycles of this panel that touched a grid, or may have touched it.
+    /// The passes of earlier cycles of this panel that touched a grid, or may have touched one.
     pub earlier: Vec<EarlierPass>,
     /// Whether the cycle is an air-run.
     pub is_air: bool,
-    /// The gate's grade of the last contact path that was executed; `None` while a path is in progress, and before the
+    /// The grade of the check of the last executed contact path; `None` while a path is in progress, and before the
     /// first path.
     pub executed_grade: Option<Grade>,
 }
 
 impl AbrasionWork {
-    /// Returns the data on which a later phase's result depends, as text. The surface follows from the taught data.
+    /// Returns, as text, the data on which the results of later phases depend. The surface is omitted, because it
+    /// follows from the taught data.
     pub(super) fn inputs(&self) -> String {
         let AbrasionWork { plan, touched, done, most_passes, worn_mm2, earlier, removed, sanded, is_air, .. } =
             self;
@@ -72,13 +73,13 @@ impl AbrasionWork {
         )
     }
 
-    /// Returns this work with the surfaces of `other`, if `other` has them.
+    /// Returns a copy of `self` with the surfaces of `other`, if `other` has them.
     pub(super) fn with_surface_of(self, other: AbrasionWork) -> Self {
-        // The same work in an earlier cycle used the surface of the same scan.
+        // The same computation in an earlier cycle used the surface of the same scan.
         AbrasionWork { taught: self.taught.or(other.taught), fit: other.fit.or(self.fit), ..self }
     }
 
-    /// Returns the plan with this number, if it is the last one.
+    /// Returns the last plan, if it has this number.
     pub fn plan(&self, number: u64) -> Option<&Plan> {
         self.plan.as_ref().filter(|(known, _)| *known == number).map(|(_, plan)| plan)
     }
@@ -107,13 +108,13 @@ impl AbrasionWork {
         Some((first.into_iter().map(reached).collect(), reached_s.collect(), wears_mm2))
     }
 
-    /// Notes that the motion of the plan with this number begins. The motion may touch the whole planned area, whatever
-    /// the robot reports later.
+    /// Records that the motion of the plan with this number begins. The motion may touch the whole planned area,
+    /// whatever the robot reports later.
     pub fn note_contact_start(&mut self, cycle: &CycleSetup, number: u64) {
         let Some(plan) = self.plan(number) else { return };
-        // The whole plan is added, not only its executed part. If an untouched place counts as sanded, it only loses
-        // its dry reference. If a touched place does not count as sanded, it is judged by a dry reference that is no
-        // longer true.
+        // The whole plan is added, not only its executed part. If an untouched place is treated as sanded, only its dry
+        // reference is lost. If a touched place were not treated as sanded, it would be compared with a dry reference
+        // that is no longer valid.
         let touched = touching::taught_pixels(plan, &cycle.panel, cycle.recipe.path());
         let before = self.sanded.take();
         let is_sanded = |index: usize| before.as_ref().is_some_and(|before| before.inside[index]);
@@ -122,18 +123,18 @@ impl AbrasionWork {
         self.sanded = Some(Arc::new(Mask { inside, ..touched }));
     }
 
-    /// Notes that a new dry picture shows the present appearance of everything that was sanded so far.
+    /// Records that a new dry picture shows the present appearance of all places that were sanded so far.
     pub fn note_dry_picture(&mut self) {
         self.sanded = None;
     }
 
-    /// Returns the taught pixels whose present appearance no dry picture of this cycle shows.
+    /// Returns the taught pixels whose present appearance is not shown by any dry picture of this cycle.
     pub fn sanded_pixels(&self) -> Option<Arc<Mask>> {
         self.sanded.clone()
     }
 
-    /// Determines the panel's surface and the arm's reach of every grid, once the localization is final. `found` is
-    /// the localization's own grade.
+    /// After the localization is final, determines the panel's surface and which grids the arm can reach. `found` is
+    /// the grade of the localization.
     pub fn survey_region(
         &mut self,
         cycle: &CycleSetup,
@@ -148,12 +149,13 @@ impl AbrasionWork {
                 return Ok(Answer::Graded(Grade::Reject));
             }
         };
-        record.figure(&figure_alone(survey::draw_surface(&taught.map)))?;
+        record.figure(&figure_without_picture(survey::draw_surface(&taught.map)))?;
         let today = survey::correct_by_scan((&cycle.panel, &taught), scan, cycle.recipe.surface());
         if let Some(drawing) = today.drawing {
-            record.figure(&figure_alone(drawing))?;
+            record.figure(&figure_without_picture(drawing))?;
         }
-        // From here on, every path lies on today's surface: the panel may have another shape than the taught panel.
+        // From here on, every path is planned on the surface in today's scan, because the panel may have another shape
+        // than the taught panel.
         let fit = self.fit.insert(Arc::new(today.fit)).clone();
         let kinematics = Kinematics::new(&cycle.cell.arm);
         let stand = cycle.corner_tour().reach_setup(&kinematics, panel);
@@ -166,12 +168,12 @@ impl AbrasionWork {
             .rms_mm
             .map_or(fit.deviation.p95_mm, |rms_mm| fit.deviation.p95_mm.max(NORMAL_TWO_SIDED_95 * rms_mm));
         record.budget(&Budget { fit_mm: Some(fit_mm), ..Budget::default() })?;
-        // If the localization is doubtful, the result stays doubtful, however well the arm reaches the grids.
+        // If the localization is doubtful, the result stays doubtful, even if the arm reaches all grids.
         let both = if own == Grade::Accept { found } else { own };
         Ok(Answer::Graded(both))
     }
 
-    /// Returns the surface from today's scan, or the taught one before the panel was surveyed.
+    /// Returns the surface from today's scan, or the taught surface if today's is not determined yet.
     fn current_surface(
         &mut self,
         cycle: &CycleSetup,
@@ -196,14 +198,14 @@ impl AbrasionWork {
             Ok(taught) => Ok(Ok(self.taught.insert(Arc::new(taught)).clone())),
             Err(refusal) => {
                 if let Some(map) = &refusal.map {
-                    record.figure(&figure_alone(survey::draw_surface(map)))?;
+                    record.figure(&figure_without_picture(survey::draw_surface(map)))?;
                 }
                 Ok(Err(Box::new(refusal.error.failed_check())))
             }
         }
     }
 
-    /// Plans a path over the failed grids that this pass has not abraded yet; in pass 0, which is an air-run, over all
+    /// Plans a path over the failed grids that this pass has not sanded yet. Pass 0 is an air-run; its path covers all
     /// grids.
     pub fn plan_failed_grids(
         &mut self,
@@ -217,8 +219,7 @@ impl AbrasionWork {
             (_, Some(film)) => film.grids.iter().filter(|grid| grid.failed).map(|grid| grid.id).collect(),
             (_, None) => return Ok(Answer::Failed(Trouble::Unexpected)),
         };
-        // The former plan is deleted before a new one is calculated: after a refused plan there is no path that could
-        // be sent.
+        // The former plan is deleted before a new one is computed, so that after a refused plan no path can be sent.
         self.plan = None;
         self.most_passes = cycle.recipe.process().max_passes_per_grid();
         let max_passes = self.most_passes;
@@ -245,19 +246,19 @@ impl AbrasionWork {
                 return Ok(Answer::Graded(Grade::Reject));
             }
         };
-        let planned = planned.with_breaks(perception.located_mm, &cycle.recipe);
+        let planned = planned.with_break_position_check(perception.located_mm, &cycle.recipe);
         let finding = planned.finding(pass, &grids);
         let grade = grade_judgement(&finding.judgement);
         if let Some(film) = &perception.film_picture {
             record.figure(&figure(planned.draw_plan(&cycle.panel, &view(cycle, film, place)), film))?;
         }
         if let Some(drawing) = planned.draw_removal(&cycle.panel) {
-            record.figure(&figure_alone(drawing))?;
+            record.figure(&figure_without_picture(drawing))?;
         }
         let earlier = self.describe_earlier_passes(planned.plan.treated.grids());
         record.finding(&match earlier.is_empty() {
             true => finding,
-            false => finding.with_detail("abraded in earlier cycles, counted", earlier),
+            false => finding.with_detail("sanded in earlier cycles, counted", earlier),
         })?;
         if grade == Grade::Reject {
             return Ok(Answer::Graded(grade));
@@ -269,10 +270,10 @@ impl AbrasionWork {
         })
     }
 
-    /// Returns the surface that a pass abrades because of these failed grids: whole grids, or areas around their
-    /// breaks. An area may extend into a grid that did not fail, and this grid then counts as abraded. So no area
-    /// extends into a grid that has reached the limit of abrasions, or that an interrupted path of this pass has
-    /// abraded already.
+    /// Returns the area that a pass sands because of these failed grids: whole grids, or areas around their water
+    /// breaks. An area may extend into a grid that did not fail; this grid is then recorded as sanded. Therefore no
+    /// area extends into a grid that has reached its maximum number of passes, or that an interrupted path of this pass
+    /// has already sanded.
     fn treated(
         &self,
         cycle: &CycleSetup,
@@ -291,28 +292,29 @@ impl AbrasionWork {
 
     fn has_reached_pass_limit(&self, grid: &GridId, pass: u8, most: usize) -> bool {
         let last = self.touched.get(grid).map(|(_, last)| *last);
-        // An air-run abrades nothing; the rest of an interrupted pass belongs to the same pass.
+        // An air-run sands nothing. The rest of an interrupted pass is not a new pass.
         pass > 0 && self.times(grid) >= most && last != Some(pass)
     }
 
-    /// Returns the number of abrasions of a grid, in this cycle and in the earlier cycles that count.
+    /// Returns the number of passes over a grid, in this cycle and in the earlier cycles that are counted for it.
     fn times(&self, grid: &GridId) -> usize {
         self.touched.get(grid).map_or(0, |(times, _)| *times) + self.earlier_passes(grid).count()
     }
 
-    /// Returns the passes of earlier cycles that count for this grid.
+    /// Returns the passes of earlier cycles that are counted for this grid.
     fn earlier_passes(&self, grid: &GridId) -> impl Iterator<Item = &EarlierPass> {
         let grid = grid.to_string();
         self.earlier.iter().filter(move |earlier| earlier.grid.as_ref().is_none_or(|known| *known == grid))
     }
 
-    /// Describes the passes of earlier cycles that count for these grids.
+    /// Describes the passes of earlier cycles that are counted for these grids.
     fn describe_earlier_passes(&self, grids: &[GridId]) -> Vec<String> {
         let words = |grid: &GridId, earlier: &EarlierPass| {
             let EarlierPass { cycle, pass, .. } = earlier;
             if earlier.is_stated {
                 return format!(
-                    "{grid} abraded in cycles that the restored store lacks, as stated at the start of cycle {cycle}, pass {pass}"
+                    "{grid} sanded in cycles that are not in the restored store, as stated at the start of cycle \
+                     {cycle}, pass {pass}"
                 );
             }
             let how = if earlier.is_sure { "abraded" } else { "perhaps abraded" };
@@ -325,24 +327,23 @@ impl AbrasionWork {
         let names = worn.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
         let earlier = self.describe_earlier_passes(worn);
         let message = match earlier.is_empty() {
-            true => format!("the film broke again on {names} after {most} abrasions (limit max_passes_per_grid)"),
+            true => format!("the film broke again on {names} after {most} sanding passes (limit max_passes_per_grid)"),
             false => format!(
-                "the film broke on {names}, and the limit of {most} abrasions (max_passes_per_grid) is reached. \
-                 Abrasions in earlier cycles of this panel count, even if they may be incomplete: {}. Take this \
-                 part out. If it is another part, name its serial number or start with --another-part: its count \
-                 begins at zero",
+                "the film broke on {names}, and the limit of {most} sanding passes (max_passes_per_grid) is reached. \
+                 Passes in earlier cycles of this panel are counted, even if they may be incomplete: {}. Take this \
+                 part out. If it is another part, name its serial number or start with --another-part: the count \
+                 then begins at zero",
                 earlier.join("; ")
             ),
         };
         let times = worn.iter().map(|grid| self.times(grid)).max().unwrap_or(most);
-        let check = Check::new("abrasions of a grid so far", "", times as f64)
+        let check = Check::new("sanding passes over a grid so far", "", times as f64)
             .with_limit(Limit::Below(most as f64), LimitSource::recipe("process.max_passes_per_grid"));
         Box::new(check.or_reject(PASSES_USED, || message))
     }
 
-    /// Plans over these areas if this puts less surface under the disc and takes less time, otherwise over the whole
-    /// failed grids. The tool is rotated to the angle at which the arm reaches the path best. Every gate judges the
-    /// plan.
+    /// Plans over these areas if this sands less surface in less time, otherwise over the complete failed grids. The
+    /// tool is rotated to the angle at which the arm reaches the path best. The plan must pass all plan checks.
     fn plan_grids(
         &self,
         cycle: &CycleSetup,
@@ -375,20 +376,20 @@ impl AbrasionWork {
         }
     }
 
-    /// Stores a plan; returns its number, and the number of its waypoints after the air point of the approach.
+    /// Stores a plan. Returns the plan's number, and the number of waypoints after the air point of the approach.
     fn store_plan(&mut self, plan: Plan) -> (u64, u32) {
         let all = waypoints(&plan);
         let text: Vec<String> = all.iter().map(|waypoint| format!("{:?}", waypoint.pose())).collect();
-        // The number is computed from the poses: if a replay plans another path, the plan's number differs and the
-        // replay reports it.
+        // The plan's number is computed from the poses: if a replay plans another path, the number differs and the
+        // replay reports the difference.
         let hash = content_hash(text.join("\n").as_bytes());
-        // Sixteen hexadecimal digits always fit into a number of 64 bits.
+        // Sixteen hexadecimal digits always fit into 64 bits.
         let number = hash.get(..16).and_then(|digits| u64::from_str_radix(digits, 16).ok()).unwrap_or_default();
         self.plan = Some((number, plan));
         (number, u32::try_from(all.len().saturating_sub(1)).unwrap_or(u32::MAX))
     }
 
-    /// Evaluates the executed part of the plan's path, from the number of all waypoints, the number of executed
+    /// Evaluates the executed part of the plan's path from the number of all waypoints, the number of executed
     /// waypoints, and the robot's reports. Also returns the wear of the disc, mm².
     pub fn evaluate_executed(
         &mut self,
@@ -413,13 +414,13 @@ impl AbrasionWork {
         }
         for grid in abraded.completed.iter().chain(&abraded.incomplete) {
             let (times, last) = self.touched.entry(*grid).or_insert((0, 0));
-            // The rest of an interrupted pass is the same abrasion of the grid, and is not counted again.
+            // The rest of an interrupted pass is part of the same pass over the grid, and is not counted again.
             *times += usize::from(*last != pass);
             *last = pass;
         }
         self.done.extend(abraded.completed.iter().map(|grid| (*grid, pass)));
         let drawn = abraded.draw_dwell(&cycle.panel.region).into_iter().chain(abraded.draw_removal(&cycle.panel));
-        let figures = drawn.map(|drawing| Note::Figure(figure_alone(drawing)));
+        let figures = drawn.map(|drawing| Note::Figure(figure_without_picture(drawing)));
         let finding = abraded.finding(pass, self.most_passes);
         self.executed_grade = Some(grade_judgement(&abrade::executed_checks(&finding)));
         let notes = figures.chain([Note::Finding(finding)]).collect();
@@ -432,7 +433,7 @@ impl AbrasionWork {
     }
 }
 
-/// Returns the check for a path that cannot be planned or reached at all.
+/// Returns the failed check for a path that cannot be planned or reached.
 fn refused(reason: Reason) -> Box<Check> {
     Box::new(Check::new("a path over these grids", "", None).with_reason(Some(reason), Severity::Reject))
 }

@@ -1,5 +1,5 @@
-//! Begins the actions of the state table. Handles the reports of the robot and the computed results for which an action
-//! waits before it is answered. The actions that move the arm are in `moves`.
+//! Begins the actions that the state table commands. Handles the reports of the robot and the computed results that
+//! complete an action. The actions that move the arm are in `moves`.
 
 use super::answers::reason;
 use super::computing::{WorkInput, WorkOutcome, WorkResult};
@@ -14,12 +14,12 @@ use panelprep_cell::cycle::{Action, Answer, Event, Frames, Id, Report, Switch, T
 use panelprep_cell::record::Kind;
 use panelprep_kuka::eki::{Command, CommandId, Epoch, QueueError, SetTcp, State, TcpKind};
 
-/// Maximum number of robot states until the loop has processed a stop that waits in the queue: the loop processes at
-/// least one request for every two robot states.
+/// Maximum number of robot states until a stop in the queue is processed: the loop processes at least one request for
+/// every two robot states.
 const MAX_STATES_BEFORE_STOP: u8 = 3;
 
 impl LoopMemory<'_> {
-    /// Begins an action; an action that needs no waiting is answered at once.
+    /// Begins an action; an action that does not have to wait is answered at once.
     pub(super) fn begin_action(&mut self, id: Id, act: Action) -> Result<(), DaemonError> {
         self.pending_action = None;
         self.computing.abandon();
@@ -32,7 +32,7 @@ impl LoopMemory<'_> {
             | Action::Film
             | Action::SelfTest => self.compute(id, act),
             Action::Assess => {
-                // If it is not known whether the tool ran, the cycle does not continue.
+                // If it is not known whether the tool was running, the cycle does not continue.
                 let unknown = Answer::Failed(Trouble::Unexpected);
                 self.answer_action(id, self.abrasion.executed_grade.map_or(unknown, Answer::Graded));
                 Ok(())
@@ -61,9 +61,9 @@ impl LoopMemory<'_> {
         }
     }
 
-    /// Starts the computation for an action.
+    /// Starts the computation that an action needs.
     fn compute(&mut self, id: Id, act: Action) -> Result<(), DaemonError> {
-        // The wear is read again for each action, since the disc may have been changed during a hold.
+        // The wear is read from the store for each action, because the disc may have been changed during a hold.
         self.abrasion.worn_mm2 = self.ports.record.disc_worn_mm2()?;
         self.abrasion.is_air = self.state.job.air;
         if matches!(act, Action::Plan { .. }) {
@@ -86,19 +86,19 @@ impl LoopMemory<'_> {
         Ok(())
     }
 
-    /// Requests the evaluation of the film's next picture.
+    /// Requests the evaluation of the next picture of the film.
     fn request_next_picture(&mut self, id: Id, act: Action) {
         self.computing.submit(WorkInput::next_picture_step(id, act, self.state.job.pass, self.cycle.clone()));
         self.wait(id, act, Condition::Computing);
     }
 
-    /// Accepts a computed result if an action still waits for it.
+    /// Accepts a computed result if an action still waits for this result.
     pub(super) fn accept_result(&mut self, worked: WorkResult) -> Result<(), DaemonError> {
         let WorkResult { id, outcome: found, artifacts, notes, .. } = worked;
         let is_due =
             |pending: &mut PendingAction| pending.id == id && matches!(pending.waits, Condition::Computing);
         let Some(PendingAction { act, .. }) = self.pending_action.take_if(is_due) else {
-            tracing::debug!(id = id.0, "a late result is discarded");
+            tracing::debug!(id = id.0, "a computed result was discarded, because no action waits for it any more");
             return Ok(());
         };
         self.record_notes(notes)?;
@@ -111,8 +111,8 @@ impl LoopMemory<'_> {
             (WorkOutcome::Answer(answer), artifacts) => {
                 match (act, artifacts) {
                     (_, None) => {}
-                    // Only the results of the film are taken over: the other data of the computing thread are older
-                    // than those of the loop.
+                    // Of the data of the computing thread, only the evaluation of the film is accepted: its other data
+                    // are older than those of the loop.
                     (Action::Film, Some((film, _))) => self.perception.add_film(film),
                     (_, Some((perception, abrasion))) => (self.perception, self.abrasion) = (perception, abrasion),
                 }
@@ -133,10 +133,10 @@ impl LoopMemory<'_> {
         Ok(())
     }
 
-    /// Ends the self-test: combines the faults that the computing thread found with those that the loop itself finds.
+    /// Ends the self-test: combines the faults that the computing thread found with those that the loop found.
     fn end_self_test(&mut self, id: Id, found: Vec<(Trouble, Reason)>) -> Result<(), DaemonError> {
         let robot = self.state.facts.robot;
-        let unready = (robot != cycle::Robot::Ready).then(|| (Trouble::Refused, operator_texts::robot(robot)));
+        let unready = (robot != cycle::Robot::Ready).then(|| (Trouble::Refused, operator_texts::robot_reason(robot)));
         let full = self.ports.record.disk_space_problems().into_iter().map(|reason| (Trouble::Store, reason));
         let wrong: Vec<(Trouble, Reason)> =
             unready.into_iter().chain(found).chain(full).chain(self.tool_problem()).collect();
@@ -167,8 +167,8 @@ impl LoopMemory<'_> {
     ) -> Result<(), DaemonError> {
         match waits {
             Ok(waits) => self.wait(id, act, waits),
-            // A stop is sent to the robot before the state table processes it. The epoch has then ended without a
-            // fault, and the state table stops the cycle.
+            // A stop is sent to the robot before the state table processes it. In this case the epoch has ended without
+            // a fault, and the state table then stops the cycle.
             Err(QueueError::NoEpoch) => self.wait(id, act, Condition::NoEpoch { states: MAX_STATES_BEFORE_STOP }),
             Err(error) => self.fail_unsent(id, &error)?,
         }
@@ -181,14 +181,14 @@ impl LoopMemory<'_> {
         Ok(())
     }
 
-    /// Records a finding that does not come from a stage: a problem of the cell, described for a person. Such a finding
-    /// is no judgement of the panel.
+    /// Records a finding about a problem of the cell, described for a person. The finding is not a result of a stage,
+    /// and not a verdict on the panel.
     pub(super) fn record_problem(&mut self, kind: Kind, reasons: Vec<Reason>) -> Result<(), RecordError> {
         let judgement = Judgement::new(vec![], reasons);
         self.record(Finding::new(kind, self.state.job.pass, judgement))
     }
 
-    /// Records a finding and reports it.
+    /// Records a finding and reports it to the clients.
     pub(super) fn record(&mut self, finding: Finding) -> Result<(), RecordError> {
         let Finding { pass, judgement, .. } = &finding;
         let stage = finding.kind.keyword();

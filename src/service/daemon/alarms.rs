@@ -1,9 +1,9 @@
-//! The alarms of the cell, for every interface that shows them: those of the newest cycles, and those between cycles.
+//! The alarms of the cell, for every interface that shows them: alarms of the newest cycles, and alarms between cycles.
 //!
-//! An alarm between cycles is for a problem of the cell: a camera that delivers nothing, a disk that is nearly full, a
-//! verification that soon expires. The checks run once a minute; the cameras are checked only while the cell rests
-//! without a cycle. An alarm is active until its cause is no longer found. The list is empty again after a restart of
-//! the service; the store retains who acknowledged an alarm.
+//! An alarm between cycles reports a problem of the cell: a camera that delivers no picture, a disk that is nearly
+//! full, a verification that soon expires. The checks run once a minute; the cameras are checked only while no cycle is
+//! running. An alarm is active until its cause is no longer found. After a restart of the service the list is empty;
+//! the store keeps who acknowledged which alarm.
 
 use super::camera_lease::SharedCameras;
 use super::clock::now_unix_ms;
@@ -19,15 +19,15 @@ use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Number of newest cycles for which alarms are shown.
+/// Number of newest cycles whose alarms are shown.
 const MAX_ALARM_CYCLES: usize = 50;
-/// Shortest interval between two checks of the cell, for all interfaces together.
+/// Minimum interval between two checks of the cell, for all interfaces together.
 const MIN_CHECK_INTERVAL: Duration = Duration::from_secs(60);
 
 /// Identifies an alarm.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct AlarmId {
-    /// The alarm's cycle; `None` for an alarm between cycles.
+    /// The cycle of the alarm; `None` for an alarm between cycles.
     pub cycle: Option<CycleId>,
     /// Its code.
     pub code: String,
@@ -35,18 +35,18 @@ pub struct AlarmId {
     pub raised_unix_ms: i64,
 }
 
-/// The alarms of the cell. One instance serves all interfaces.
+/// The alarms of the cell. All interfaces share one instance.
 #[derive(Debug)]
 pub struct Alarms {
     people: Arc<AccountService>,
     active: StandingAlarms,
     last_check: Mutex<Option<Instant>>,
-    /// The present problem of each connection to the plant, by the connection's name.
+    /// The present problem of each connection to the plant, by the name of the connection.
     connection_problems: Mutex<BTreeMap<&'static str, String>>,
 }
 
 impl Alarms {
-    /// Creates the alarms of the store to which `people` has access.
+    /// Creates the alarms for the store that `people` opens.
     pub fn new(people: Arc<AccountService>) -> Self {
         Alarms {
             people,
@@ -56,8 +56,7 @@ impl Alarms {
         }
     }
 
-    /// Returns all alarms: active ones first, then by priority and time. This runs on the calling thread, which may
-    /// wait for the disk.
+    /// Returns all alarms: active ones first, then by priority and time. The call blocks while it reads the disk.
     ///
     /// # Errors
     /// If the store cannot be read.
@@ -65,7 +64,7 @@ impl Alarms {
         self.people.read(|store| self.all_from_store(store))
     }
 
-    /// Returns all alarms as [`Alarms::all`] does, for a caller that has opened this store already.
+    /// Like [`Alarms::all`], for a caller that has already opened this store.
     ///
     /// # Errors
     /// If the store cannot be read.
@@ -81,7 +80,7 @@ impl Alarms {
         Ok(all)
     }
 
-    /// Returns the active alarms in the order in which they were raised. An alarm of a cycle ends when the next cycle
+    /// Returns the active alarms in the order in which they were raised. The alarms of a cycle end when the next cycle
     /// begins, so only the newest cycle can have active alarms.
     ///
     /// # Errors
@@ -96,7 +95,7 @@ impl Alarms {
         Ok(all)
     }
 
-    /// Checks the cell if it was not checked within the last minute; the check of a camera may take some time.
+    /// Checks the cell if it was not checked within the last minute. The check of a camera may take some seconds.
     pub fn check_cell(&self, setup: &dyn SetupSource, cameras: Option<&SharedCameras>) {
         {
             let mut looked = self.last_check.lock().unwrap_or_else(PoisonError::into_inner);
@@ -112,8 +111,9 @@ impl Alarms {
         self.active.update_alarms(&found, now_unix_ms());
     }
 
-    /// Records that a connection to the plant has this problem, or no longer has one. The problem becomes an alarm if
-    /// it still exists at the next check of the cell. Returns whether it differs from the last recorded one.
+    /// Records the present problem of a connection to the plant; `None` if the connection works. The problem becomes an
+    /// alarm if it still exists at the next check of the cell. Returns whether the problem differs from the last
+    /// recorded one.
     pub fn set_connection_problem(&self, of: &'static str, problem: Option<&str>) -> bool {
         let mut troubles = self.lock_connection_problems();
         match problem {
@@ -126,8 +126,8 @@ impl Alarms {
         self.connection_problems.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Records that a person has seen an alarm, and adds this to the audit trail. Returns false if there is no such
-    /// alarm, or it was already acknowledged.
+    /// Records that a person has acknowledged an alarm, and adds this to the audit trail. Returns false if the alarm
+    /// does not exist, or was already acknowledged.
     ///
     /// # Errors
     /// If the store cannot be read or written.
@@ -154,16 +154,16 @@ impl Alarms {
     }
 }
 
-/// Largest number of cleared alarms in the list; the oldest ones are removed.
+/// Maximum number of cleared alarms in the list; the oldest ones are removed.
 const MAX_CLEARED_ALARMS: usize = 100;
 /// The reason code of a camera that delivers no picture.
-const CAMERA: &str = "camera";
+const CAMERA_ALARM_CODE: &str = "camera";
 
-/// The alarms between cycles.
+/// All alarms between cycles.
 #[derive(Debug, Default)]
 struct StandingAlarms(Mutex<Vec<Alarm>>);
 
-/// The problems found. For the cameras, `None` means that they were not checked.
+/// The problems found by one check of the cell. For the cameras, `None` means that they were not checked.
 #[derive(Debug, Default)]
 struct FoundProblems {
     pub cell: Vec<Reason>,
@@ -176,7 +176,7 @@ impl StandingAlarms {
         let mut alarms = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let reasons = || found.cell.iter().chain(found.cameras.iter().flatten());
         for alarm in alarms.iter_mut().filter(|alarm| alarm.is_active()) {
-            let was_looked_at = alarm.code != CAMERA || found.cameras.is_some();
+            let was_looked_at = alarm.code != CAMERA_ALARM_CODE || found.cameras.is_some();
             if was_looked_at && !reasons().any(|reason| is_same_problem(alarm, reason)) {
                 alarm.gone_unix_ms = Some(now_unix_ms.max(alarm.raised_unix_ms));
             }
@@ -185,7 +185,7 @@ impl StandingAlarms {
             if alarms.iter().any(|alarm| alarm.is_active() && is_same_problem(alarm, reason)) {
                 continue;
             }
-            // An alarm is acknowledged by its code and time: two alarms must not have the same code and the same time.
+            // Alarms are identified by code and time, so two alarms must not have the same code and the same time.
             let after = alarms.iter().map(|alarm| alarm.raised_unix_ms + 1).max().unwrap_or(now_unix_ms);
             tracing::warn!("alarm {}: {}", reason.code, reason.message);
             alarms.push(Alarm::new_between_cycles(reason, now_unix_ms.max(after)));
@@ -196,7 +196,7 @@ impl StandingAlarms {
         }
     }
 
-    /// Returns all alarms, with the persons who acknowledged them.
+    /// Returns all alarms between cycles, with the persons who acknowledged them.
     pub fn alarms(&self, seen: &[Acknowledgement]) -> Vec<Alarm> {
         let alarms = self.0.lock().unwrap_or_else(PoisonError::into_inner).clone();
         let of = |alarm: &Alarm| {
@@ -208,7 +208,7 @@ impl StandingAlarms {
     }
 }
 
-/// Returns whether an alarm and a reason describe the same problem: the numbers in the text change with time, the words
+/// Returns whether an alarm and a reason describe the same problem. The numbers in the text change with time, the words
 /// do not.
 fn is_same_problem(alarm: &Alarm, reason: &Reason) -> bool {
     let words = |text: &str| text.chars().filter(|c| !c.is_ascii_digit() && *c != '.').collect::<String>();
@@ -221,7 +221,7 @@ mod tests {
 
     fn found(cell: &[(&'static str, &str)], cameras: Option<&[&str]>) -> FoundProblems {
         let cell = cell.iter().map(|(code, message)| Reason::new(code, *message)).collect();
-        let cameras = cameras.map(|all| all.iter().map(|message| Reason::new(CAMERA, *message)).collect());
+        let cameras = cameras.map(|all| all.iter().map(|message| Reason::new(CAMERA_ALARM_CODE, *message)).collect());
         FoundProblems { cell, cameras }
     }
 
@@ -254,7 +254,7 @@ mod tests {
         let active: Vec<bool> = standing.alarms(&[]).iter().map(Alarm::is_active).collect();
         assert_eq!(active, [true, false]);
         let who = "Ada (ada)".to_owned();
-        let seen = Acknowledgement { unix_ms: 50, cycle: None, code: CAMERA.to_owned(), raised_unix_ms: 10, who };
+        let seen = Acknowledgement { unix_ms: 50, cycle: None, code: CAMERA_ALARM_CODE.to_owned(), raised_unix_ms: 10, who };
         let seen: Vec<bool> = standing.alarms(&[seen]).iter().map(|alarm| alarm.acknowledged.is_some()).collect();
         assert_eq!(seen, [true, false]);
     }

@@ -1,4 +1,4 @@
-//! Converts the result of a phase to the answer for the state table and to the finding for the record.
+//! Converts the result of a phase to a reply for the state table and to a finding for the record.
 
 use super::error::DaemonError;
 use super::ports::{CameraFault, Figure, Record};
@@ -8,11 +8,11 @@ use panelprep_base::verdict::{Judgement, Reason, Verdict};
 use panelprep_cell::cycle::{Answer, Grade, Trouble};
 use panelprep_cell::record::Kind;
 
-/// The answer if the result of an earlier action is required and missing.
+/// The reply if the result of an earlier action is required but missing.
 pub(super) const MISSING: Answer = Answer::Failed(Trouble::Unexpected);
 
-/// Returns a drawing for the record. No decision depends on the drawing: if it could not be made, the picture without a
-/// drawing is used.
+/// Returns a drawing for the record. No decision depends on the drawing: if it cannot be drawn, the picture `bare` is
+/// recorded instead.
 pub(super) fn figure(drawing: ResultDrawing, bare: &ColorPicture) -> Figure {
     let ResultDrawing { name, caption, picture } = drawing;
     match picture {
@@ -24,12 +24,12 @@ pub(super) fn figure(drawing: ResultDrawing, bare: &ColorPicture) -> Figure {
     }
 }
 
-/// Returns a drawing that has no picture below it.
-pub(super) fn figure_alone(drawing: ResultDrawing) -> Figure {
+/// Returns a drawing on an empty background, without a picture.
+pub(super) fn figure_without_picture(drawing: ResultDrawing) -> Figure {
     figure(drawing, &ColorPicture::uniform(1, 1, [245; 3]))
 }
 
-/// Converts a gate's judgement to a grade for the state table.
+/// Converts the judgement of a check to a grade for the state table.
 pub(super) fn grade_judgement(judgement: &Judgement) -> Grade {
     match judgement.verdict {
         Verdict::Accept => Grade::Accept,
@@ -52,8 +52,8 @@ pub(super) fn camera_fault_answer(
     Ok(Answer::Failed(Trouble::Camera))
 }
 
-/// Records a picture that cannot be evaluated, and returns the answer. After the scan, such a picture rejects the
-/// panel; before contact and in a film, a person must check the panel.
+/// Records a picture that cannot be evaluated, and returns the reply. A picture after the scan rejects the panel. A
+/// picture before contact or in a film requires a person to check the panel.
 pub(super) fn unusable_picture_answer(
     kind: Kind,
     pass: u8,

@@ -1,5 +1,5 @@
-//! Low-priority threads for the web and plant interfaces: they take no processor time from the loop and from the
-//! robot's link. If a library panics on data from a network, the thread restarts and the cell continues.
+//! Low-priority threads for the web and plant interfaces: they do not delay the loop or the connection to the robot. If
+//! a library panics on data from a network, the thread restarts and the cell continues.
 
 use panelprep_base::supervision;
 use std::io;
@@ -14,19 +14,20 @@ use tokio::time::{sleep, timeout};
 const RESTART_DELAY: Duration = Duration::from_secs(1);
 /// Polling interval.
 const POLL_INTERVAL: Duration = Duration::from_secs(1);
-/// Maximum delay before a retry. After a failure the delay is one second, then two, four, and so on.
+/// Maximum delay before a retry. The delay is one second after the first failure, then two, four, and so on.
 const MAX_RETRY_DELAY: Duration = Duration::from_secs(60);
-/// Maximum time for which the end of the program waits for blocking work.
+/// Maximum time for which the program's shutdown waits for blocking work.
 const SHUTDOWN_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// Amount by which the priority of the background threads is lowered.
+/// Nice value that is added to the background threads, which lowers their priority.
 const NICE: i32 = 5;
 
-/// Gives the calling thread a lower priority than the loop and the robot's link.
+/// Gives the calling thread a lower priority than the loop and the connection to the robot.
 pub(super) fn lower_priority() {
     #[expect(
         clippy::let_underscore_must_use,
-        reason = "if this fails, the scheduler's fairness still gives the loop its share"
+        reason = "the priority of a background thread could not be lowered; the scheduler still gives the loop its \
+                  processor time"
     )]
     let _ = rustix::process::setpriority_process(None, NICE);
 }
@@ -37,13 +38,13 @@ pub(super) struct Plan {
     pub name: &'static str,
     /// The name of the thread's task, for the log.
     pub task: &'static str,
-    /// Number of threads for work that blocks, such as access to the disk and the look-up of host names.
+    /// Number of threads for blocking work, such as access to the disk and the look-up of host names.
     pub blocking_threads: usize,
-    /// Stack size, for deeply nested calls; `None` is the system's default size.
+    /// Stack size for deeply nested calls, bytes; `None` for the default size of the system.
     pub stack_bytes: Option<usize>,
 }
 
-/// A running thread. Dropping it requests the thread to end, and waits for the end.
+/// A running background thread. Dropping this value ends the thread and waits for its end.
 #[derive(Debug)]
 pub(super) struct Background {
     end_sender: Option<oneshot::Sender<()>>,
@@ -51,8 +52,8 @@ pub(super) struct Background {
 }
 
 impl Background {
-    /// Starts the thread. It works until `begin` returns, which happens when the thread is requested to end. A panic in
-    /// the thread is not a fault of the cell: `begin` is called again.
+    /// Starts the thread. It runs until `begin` returns, which happens when the thread is requested to end. A panic in
+    /// the thread does not stop the cell: `begin` is called again.
     ///
     /// # Errors
     /// If the operating system cannot start a thread.
@@ -64,7 +65,7 @@ impl Background {
         let (end, ended) = oneshot::channel();
         let work = move || {
             run_until_end(&runtime, what, ended, begin);
-            // The end does not wait for a pending look-up of a host name.
+            // The shutdown does not wait for a pending look-up of a host name.
             runtime.shutdown_timeout(SHUTDOWN_TIMEOUT);
         };
         let builder = thread::Builder::new().name(name.to_owned());
@@ -75,7 +76,7 @@ impl Background {
         Ok(Background { end_sender: Some(end), thread: Some(builder.spawn(work)?) })
     }
 
-    /// Starts a thread that works in rounds; it can end between any two steps of a round.
+    /// Starts a thread that works in rounds. It can be ended between any two steps of a round.
     ///
     /// # Errors
     /// If the operating system cannot start a thread.
@@ -113,15 +114,15 @@ fn run_until_end(
     }
 }
 
-/// Work that is done in rounds, with a server that may be unavailable.
+/// Work that is done in rounds, together with a server that may be unavailable.
 pub(super) trait Rounds {
-    /// Performs one round; returns whether more work is ready at once.
+    /// Performs one round; returns whether more work is already waiting.
     async fn run_round(&mut self) -> Result<bool, String>;
 
     /// Discards all connections after a failure, so that the next round opens new ones.
     fn forget(&mut self);
 
-    /// Reports the result of a round; returns true if the error changed.
+    /// Logs the result of a round; returns true if the error changed.
     fn report_result(&self, problem: Option<&str>) -> bool;
 }
 
@@ -153,7 +154,7 @@ mod tests {
     use super::*;
     use std::cell::Cell;
 
-    /// The work panics twice, continues on its third start, and ends when it is requested to end.
+    /// The work panics twice, continues after its third start, and ends when it is requested to end.
     #[test]
     fn a_thread_restarts_after_a_panic_until_it_is_ended() {
         let (end, ended) = oneshot::channel();

@@ -1,5 +1,5 @@
-//! The record of contact. Before a path begins, the record states the grids that the path will touch and the wear of
-//! the disc. Before the path continues, the record states how far it may continue. The executed part is recorded when
+//! The record of contact paths. Before a path begins, the grids that it will touch and the wear of the disc are
+//! recorded. Before the path continues, the last permitted waypoint is recorded. The executed part is recorded after
 //! the robot has reported the end of the path.
 //!
 //! The permitted waypoints are some seconds of motion ahead of the robot's reports, which is much more than can be in
@@ -13,7 +13,7 @@ use panelprep_cell::record::ContactPath;
 use panelprep_kuka::eki::CommandId;
 
 impl LoopMemory<'_> {
-    /// Records that a motion may begin. Before contact, the wear of the disc by the whole path is counted, so that it
+    /// Records that a motion may begin. Before contact, the wear of the disc by the whole path is recorded, so that it
     /// is not lost if a crash interrupts the path.
     pub(super) fn open_intent(&mut self, motion: &Motion) -> Result<(), DaemonError> {
         if motion.path != Path::Contact {
@@ -37,29 +37,29 @@ impl LoopMemory<'_> {
         Ok(self.ports.record.perform_and_forget(RecordCommand::OpenContact { motion, path, permitted })?)
     }
 
-    /// Permits the robot more waypoints, after the permission is recorded.
+    /// Permits further waypoints to the robot, after the permission is recorded.
     pub(super) fn permit_more(&mut self, sent: SentPath, done: u32) -> Result<(), DaemonError> {
         let is_contact = sent.path() == Path::Contact;
         let Some(wanted) = self.path_progress.new_permission(done).filter(|_| is_contact) else { return Ok(()) };
-        // Recorded before the waypoints are permitted: after a crash, the grids beyond the last permitted waypoint
-        // count as untouched, and this must be true.
+        // The permission is recorded before it is sent: after a crash, the grids beyond the last permitted waypoint are
+        // treated as untouched, and this must be true.
         self.ports.record.perform_and_forget(RecordCommand::Permit(wanted))?;
         self.path_progress.permitted = wanted;
         let last =
             (wanted < self.path_progress.waypoint_count()).then(|| CommandId(sent.first_command().0 + wanted - 1));
         if let Err(error) = self.ports.robot.permit_commands(last) {
             // The epoch has just ended, which is reported separately.
-            tracing::debug!("no further waypoints are released: {error}");
+            tracing::debug!("no further waypoints are released, because the epoch has ended: {error}");
         }
         Ok(())
     }
 
-    /// Records how a motion ended. If the robot did not report the end, everything that was counted beforehand remains
-    /// counted.
+    /// Records how a motion ended. If the robot did not report the end, the wear and the grids that were recorded
+    /// before the motion remain recorded.
     pub(super) fn close_intent(&mut self, motion: &Motion, outcome: Outcome, done: u32) -> Result<(), DaemonError> {
         let underway = std::mem::take(&mut self.path_progress);
-        // After a Clear there is no report of how far the arm moved, so the reserved wear and the permitted grids stay
-        // counted.
+        // After a Clear, the robot does not report how far the arm moved. Therefore the wear and the permitted grids
+        // remain recorded.
         if motion.path == Path::Contact && outcome != Outcome::Cleared {
             self.record_contact_result(motion, done, underway.reserved_mm2)?;
         }
@@ -67,7 +67,7 @@ impl LoopMemory<'_> {
         Ok(self.ports.record.perform_and_forget(RecordCommand::CloseIntent { motion, outcome, done })?)
     }
 
-    /// Records the result of a contact path, and its wear of the disc, from the poses that the robot reported.
+    /// Records the result of a contact path, and its wear of the disc, computed from the poses that the robot reported.
     fn record_contact_result(&mut self, motion: &Motion, done: u32, reserved_mm2: f64) -> Result<(), DaemonError> {
         let (mut abrasion, trace) = (std::mem::take(&mut self.abrasion), std::mem::take(&mut self.trace));
         let found = self.cycle_setup().map(|cycle| {
@@ -76,7 +76,7 @@ impl LoopMemory<'_> {
         self.abrasion = abrasion;
         let Some((notes, worn_mm2)) = found else { return Ok(()) };
         self.record_notes(notes)?;
-        // The measured wear replaces the wear that was counted before the path began.
+        // The measured wear replaces the wear that was recorded before the path began.
         Ok(self.ports.record.perform_and_forget(RecordCommand::WearDisc(worn_mm2 - reserved_mm2))?)
     }
 }
@@ -85,8 +85,8 @@ impl LoopMemory<'_> {
 mod tests {
     use super::*;
 
-    /// Calculated by hand: a waypoint every 0.2 s and a window of 1 s give 20 waypoints in four windows. More are
-    /// permitted when fewer than 10 are left.
+    /// Expected values, calculated by hand: with a waypoint every 0.2 s and a window of 1 s, four windows contain 20
+    /// waypoints. Further waypoints are permitted when fewer than 10 are left.
     #[test]
     fn waypoints_are_permitted_some_windows_ahead() {
         let mut underway = PathProgress::new((0..=100).map(|n| 0.2 * f64::from(n)).collect(), 1.0);

@@ -1,10 +1,10 @@
-//! A single point of control: a selector switch at the cell determines which side may command the cell (ISO 10218-2).
+//! Single point of control: a selector switch at the cell determines which side may command the cell (ISO 10218-2).
 //!
 //! The input `local_control` of `[io.feedbacks]` is on while the switch is in the position local. Stop, Abort and Hold
-//! are accepted from every side. Clear, Unhold, Accept and the first Start after a start of the program or after a
-//! Clear need a person at the cell: they are accepted only with the switch at local, and only from the page, the socket
-//! or a command. Every other request that begins something is accepted only from the selected side. A cell without that
-//! input has no selection: every interface may command the cell within the permissions of its accounts.
+//! are accepted from every side. Clear, Unhold, Accept, and the first Start after a start of the program or after a
+//! Clear require a person at the cell: they are accepted only with the switch at local, and only from the page, the
+//! socket or a command. Every other request that starts something is accepted only from the selected side. A cell
+//! without this input has no selection: every interface may command the cell within the permissions of its accounts.
 
 use super::wiring::is_input_on;
 use panelprep_base::verdict::Reason;
@@ -12,22 +12,22 @@ use panelprep_cell::cycle::Request;
 use panelprep_cell::record::RequestSource;
 use panelprep_kuka::eki::State;
 
-/// The state of the selector switch, and whether a first start was permitted.
+/// The state of the selector switch, and whether a person at the cell has started the first cycle.
 #[derive(Debug, Default)]
 pub(super) struct Control {
     /// The switch's bit in `In` of the state message.
     bit: Option<u32>,
-    /// Whether a person at the cell has started a cycle since the program started and since the last Clear.
+    /// Whether a person at the cell has started a cycle since the start of the program and since the last Clear.
     is_started: bool,
 }
 
 impl Control {
-    /// Creates the control for a switch at this bit of `In` in the state message; `None` if the cell has no switch.
+    /// Creates the control. `bit` is the switch's bit of `In` in the state message; `None` if the cell has no switch.
     pub fn new(bit: Option<u32>) -> Self {
         Control { bit, is_started: false }
     }
 
-    /// Returns why a request is refused from this interface; `None` if it is accepted.
+    /// Returns the reason why a request from this interface is refused; `None` if it is accepted.
     pub fn refusal(&self, request: Request, front: RequestSource, state: Option<&State>) -> Option<Reason> {
         let bit = self.bit?;
         if matches!(request, Request::Stop | Request::Abort | Request::Hold) {
@@ -59,8 +59,8 @@ impl Control {
         })
     }
 
-    /// Updates the state after an accepted request: after the first Start, the selected side may start; after a Clear,
-    /// the next Start counts as the first one again.
+    /// Updates the state after an accepted request. After the first Start, the selected side may start; after a Clear,
+    /// the next Start is treated as the first Start.
     pub fn on_request_accepted(&mut self, request: Request) {
         match request {
             Request::Start { .. } | Request::AirRun { .. } => self.is_started = true,
@@ -70,9 +70,8 @@ impl Control {
     }
 }
 
-/// Returns whether a request from this interface comes from a person at the cell, as far as the program can determine
-/// it. A person may use the page or the socket from elsewhere; the switch, which a person at the cell sets, then limits
-/// the requests.
+/// Returns whether a request from this interface may come from a person at the cell. The page and the socket can also
+/// be used from elsewhere; therefore the switch, which a person at the cell sets, limits the requests further.
 fn is_local_request(front: RequestSource) -> bool {
     match front {
         RequestSource::Socket
@@ -113,7 +112,7 @@ mod tests {
             }
         }
         control.on_request_accepted(START);
-        // After the first start, only the selected side may start.
+        // After the first Start, only the selected side may start.
         assert_eq!(refused(&control, START, RequestSource::Line, false), None);
         assert_eq!(refused(&control, START, RequestSource::Line, true).as_deref(), Some("not_selected"));
         assert_eq!(refused(&control, START, RequestSource::Page, false).as_deref(), Some("not_selected"));

@@ -1,12 +1,13 @@
-//! The corner loop: which taught corners are viewed, what their pictures together show, and whether the corners are
-//! still at their expected positions just before contact.
+//! The corner loop: decides which taught corners are viewed, combines the results of their pictures, and checks just
+//! before contact that the corners are still at their expected positions.
 //!
 //! Two corners determine the panel's shift and rotation; more corners improve the result little. The loop uses the
-//! first corners, in the order of teaching, whose moves pass the gate. View n shows the n-th of these corners; after
-//! the last corner, the views begin again at the first one. The loop that corrects the pose and the loop that verifies
-//! it continue until each chosen corner was seen; the first of them also until each corner was at its expected
-//! position. The loop that verifies must see all corners by which the pose was corrected: one corner is then not
-//! enough.
+//! first corners, in the order of teaching, whose moves pass the path checks. View n shows the n-th of these corners;
+//! after the last corner, the views begin again with the first corner.
+//!
+//! There are two loops: one corrects the pose, the other verifies it. Both continue until each chosen corner was seen;
+//! the first one also until each corner was at its expected position. The loop that verifies the pose must see all
+//! corners by which the pose was corrected, so that one corner alone is never enough.
 
 use super::setup::CycleSetup;
 use crate::stages::corners::{Sighting, max_views};
@@ -17,15 +18,15 @@ use panelprep_base::verdict::Reason;
 pub(super) struct CornerLoop {
     /// The chosen corners, in the order of the views.
     selected: Vec<usize>,
-    /// The corner to which the camera is sent.
+    /// The corner to which the camera is sent, as index of the taught corners.
     aimed: usize,
-    /// Whether the gate refuses the moves to all other corners.
+    /// Whether the moves to all other corners fail the path checks.
     is_exhausted: bool,
     /// The last picture of each corner.
     pub(super) sightings: Vec<Sighting>,
     /// The corners by which the panel's pose was corrected; empty before the correction.
     held: Vec<usize>,
-    /// The corners whose moves did not pass the gate since the loop began, and the reasons.
+    /// The corners whose moves have failed the path checks since the loop began, with the reasons.
     left_out: Vec<(usize, String)>,
 }
 
@@ -35,7 +36,7 @@ impl CornerLoop {
         self.aimed
     }
 
-    /// Returns the corners that may be chosen for a view, in order; empty if the view's corner was chosen before.
+    /// Returns the corners that may be chosen for a view, in order; empty if a corner was already chosen for this view.
     pub fn candidates(&self, view: u8, cycle: &CycleSetup) -> Vec<usize> {
         let view = usize::from(view);
         if view > 0 && (view >= self.required_count(cycle) || view > self.selected.len()) {
@@ -52,7 +53,7 @@ impl CornerLoop {
         }
     }
 
-    /// Notes that the move to this corner does not pass the gate.
+    /// Records that the move to this corner fails the path checks, and why.
     pub fn exclude_corner(&mut self, corner: usize, why: &str) {
         self.left_out.push((corner, why.to_owned()));
     }
@@ -63,7 +64,7 @@ impl CornerLoop {
         &self.held
     }
 
-    /// Describes why corners were left out.
+    /// Describes the excluded corners and the reasons.
     pub fn describe_excluded(&self) -> Vec<String> {
         self.left_out.iter().map(|(corner, why)| format!("corner {}: {why}", corner + 1)).collect()
     }
@@ -75,13 +76,14 @@ impl CornerLoop {
         (self.aimed, self.is_exhausted) = (corner, false);
     }
 
-    /// Ends a choice without a result: no candidate's move passes the gate, and only the corners chosen before remain.
+    /// Ends the choice without a result: the moves to all candidates fail the path checks, so only the corners that
+    /// were chosen before remain.
     pub fn end_selection(&mut self, view: u8) {
         self.selected.truncate(usize::from(view).max(1));
         self.is_exhausted = true;
     }
 
-    /// Aims at the corner of a view; after the last chosen corner, the views begin again at the first one.
+    /// Aims at the corner of a view; after the last chosen corner, the views begin again with the first corner.
     pub fn advance_to_view(&mut self, view: u8) {
         if let Some(&corner) = self.selected.get(usize::from(view) % self.selected.len().max(1)) {
             self.aimed = corner;
@@ -98,7 +100,7 @@ impl CornerLoop {
         if self.is_exhausted { self.selected.len().min(all) } else { all }
     }
 
-    /// Marks the chosen corners that were seen as the corners by which the panel's pose is corrected.
+    /// Stores the chosen corners that were seen, as the corners by which the panel's pose is corrected.
     pub fn hold(&mut self) {
         self.held = self.selected.clone();
         self.held.retain(|corner| self.sightings.iter().any(|seen| seen.corner == *corner));
@@ -108,8 +110,8 @@ impl CornerLoop {
         self.sightings.len() < self.required_count(cycle)
     }
 
-    /// Returns a reason if no permitted move leads to a corner by which the pose was corrected: that corner cannot
-    /// confirm the pose.
+    /// Returns a reason if no permitted move leads to one of the corners by which the pose was corrected, because that
+    /// corner then cannot confirm the pose.
     pub fn missing_corner_reason(&self) -> Option<Reason> {
         let is_seen = |corner: &&usize| self.sightings.iter().any(|seen| seen.corner == **corner);
         let missing: Vec<String> =
@@ -140,8 +142,8 @@ mod tests {
     use panelprep_base::geometry::{Pixel, Point, Rigid, Vector};
     use panelprep_cell::panel::{CornerTeaching, TaughtCorner, panel_from_base_at_teaching};
 
-    /// Corners 2 and 1 determine the pose of the panel. Before contact, no permitted motion leads to the first corner,
-    /// and the second corner alone is not enough.
+    /// Corners 2 and 1 determine the pose of the panel. Before contact, no permitted motion leads to corner 1, and
+    /// corner 2 alone is not enough.
     #[test]
     fn corners_of_the_correction_must_be_seen_again() {
         let place = panel_from_base_at_teaching().inverse();
@@ -179,7 +181,7 @@ mod tests {
         let unseen = corners.missing_corner_reason().expect("a reason");
         assert_eq!(unseen.code, "corner_unseen");
         assert!(unseen.message.starts_with("corner 1 ") && unseen.message.contains("a post"), "{}", unseen.message);
-        // When all corners were seen, nothing is missing.
+        // After all corners were seen, no corner is missing.
         look(&mut corners, 1, 0);
         assert!(corners.missing_corner_reason().is_none());
     }

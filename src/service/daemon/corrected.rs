@@ -1,8 +1,9 @@
-//! A robot port that works with true poses: reports and commands are corrected by the arm's measured errors.
+//! A robot port that works with true poses: it corrects commands and reports by the measured errors of the arm.
 //!
-//! The controller computes with the nominal geometry of its arm. With the correction that the cell's file names, every
-//! pose on this side of the link is the arm's true pose. The link and a recording contain the controller's own numbers.
-//! For an arm without a correction all numbers pass unchanged, bit for bit. Axis angles are the same on both sides.
+//! The controller computes with the nominal geometry of its arm. If the cell's file names a correction, every pose on
+//! this side of the port is the true pose of the arm. The connection to the controller and its recording contain the
+//! controller's own values. Without a correction all values pass unchanged, bit for bit. Axis angles are the same on
+//! both sides.
 
 use super::ports::{Port, RobotAnswer, RobotCommand, RobotPort};
 use panelprep_base::geometry::{Base, Flange, Joints, KukaPose, Panel, Rigid, Tool};
@@ -10,14 +11,14 @@ use panelprep_cell::cell;
 use panelprep_kuka::eki::{Command, CommandId, MoveLin, QueueError, Report, State};
 use panelprep_toolpath::path::Kinematics;
 
-/// A robot port that corrects the commands for the robot's arm.
+/// A robot port that corrects poses by the measured errors of the robot's arm.
 pub(super) struct CalibratedRobot<'r> {
     robot: &'r mut dyn RobotPort,
-    /// The arm, if it has a correction.
+    /// The kinematics of the arm; `None` if it has no correction.
     arm: Option<Kinematics>,
     base: Rigid<Base, Panel>,
     flange_from_tool: Rigid<Flange, Tool>,
-    /// The present axis positions, and those after the command that was sent last.
+    /// The present axis positions, and below them the axis positions after the last sent command.
     joints: Option<Joints>,
     ahead: Option<(CommandId, Joints)>,
     reported_tcp: Option<KukaPose>,
@@ -48,18 +49,18 @@ impl<'r> CalibratedRobot<'r> {
         self.joints = Some(joints);
     }
 
-    /// Returns the corrected points for the controller, and the axis positions at the last of them.
+    /// Returns the corrected points for the controller, and the axis positions at the last point.
     fn correct_path(&self, points: Vec<MoveLin>) -> Result<(Vec<MoveLin>, Option<Joints>), QueueError> {
         let Some(arm) = &self.arm else { return Ok((points, None)) };
-        // The correction depends on the arm's posture, and several paths may wait. So it begins with the axis positions
-        // after the last sent command and not with the reported ones.
+        // The correction depends on the arm's posture, and several paths may wait in the queue. Therefore it starts
+        // from the axis positions after the last sent command, not from the reported positions.
         let stands = self.ahead.map(|(_, joints)| joints).or(self.joints);
         let mut at = stands.ok_or(QueueError::Uncorrected { point: 1 })?;
         let mut sent = Vec::with_capacity(points.len());
         for (index, point) in points.into_iter().enumerate() {
             let wanted = self.base * point.pose.to_rigid::<Panel, Tool>() * self.flange_from_tool.inverse();
-            // If one point cannot be corrected, the whole path is refused: this point would be the only wrong place on
-            // the panel.
+            // If one point cannot be corrected, the whole path is refused; otherwise the disc would be at a wrong place
+            // at this point.
             let (flange, joints) =
                 arm.sent_flange(&wanted, &at).ok_or(QueueError::Uncorrected { point: index + 1 })?;
             at = joints;
@@ -148,7 +149,7 @@ mod tests {
     use panelprep_kuka::eki::{MoveJ, SetTcp, TcpKind};
     use std::collections::VecDeque;
 
-    /// The data that are sent over the link, in both directions.
+    /// The data that are sent over the connection to the robot, in both directions.
     #[derive(Default)]
     struct Wire {
         sent: Vec<Command>,
@@ -170,7 +171,7 @@ mod tests {
     const HOME: [f64; 6] = [0.0, -90.0, 90.0, 0.0, -30.0, 0.0];
 
     /// Returns an arm whose axis 1 is 0.001 rad beyond its reported position.
-    fn turned() -> cell::Arm {
+    fn arm_with_rotated_axis() -> cell::Arm {
         let mut errors = [0.0; 32];
         errors[2] = 0.001;
         let cell = Cell::check("cell.toml", "").unwrap_or_else(|problems| panic!("{problems}"));
@@ -193,15 +194,15 @@ mod tests {
         wire.sent.iter().filter_map(line).collect()
     }
 
-    /// Calculated by hand: the arm is rotated 0.001 rad too far about the Z axis of the base. So at x = 480 mm, the
-    /// commanded point has a y that is 0.48 mm smaller, and is rotated back by 0.0573 degrees. A report from there is
-    /// converted back to the requested pose.
+    /// Expected values, calculated by hand: the arm is rotated 0.001 rad too far about the Z axis of the base. At x =
+    /// 480 mm, the y of the commanded point is therefore 0.48 mm smaller, and its rotation is 0.0573° less. A reported
+    /// pose at this point is converted back to the requested pose.
     #[test]
     fn a_line_is_sent_with_the_correction_of_the_arm() {
         let mut wire = Wire::default();
         let standing = eki_state(HOME, KukaPose::default());
         wire.reports.push_back(Report::State(Box::new(standing)));
-        let arm = turned();
+        let arm = arm_with_rotated_axis();
         let mut robot = CalibratedRobot::new(&mut wire, &arm);
         assert!(robot.next().expect("a link").is_some());
         robot.send(Command::SetBase(KukaPose::default())).expect("sent");
@@ -211,7 +212,7 @@ mod tests {
         let sent = lines(&wire);
         assert!((sent[0].y_mm + 0.48).abs() < 1e-3 && (sent[1].y_mm - 49.52).abs() < 1e-3, "{sent:?}");
         assert!((sent[0].a_deg + 0.057_296).abs() < 1e-4, "{sent:?}");
-        // The axes at the first point, as the controller computes them from the command that it received.
+        // The axis positions at the first point, as the controller computes them from the received command.
         let drawn = Kinematics::new(Cell::check("cell.toml", "").unwrap_or_else(|p| panic!("{p}")).arm());
         let (_, joints) = drawn.sent_flange(&sent[0].to_rigid(), &Joints::from(HOME)).expect("in reach");
         wire.reports.push_back(Report::State(Box::new(eki_state(joints.degrees(), sent[0]))));
@@ -230,7 +231,7 @@ mod tests {
 
     #[test]
     fn a_line_from_an_unknown_start_is_not_sent() {
-        let (mut wire, arm) = (Wire::default(), turned());
+        let (mut wire, arm) = (Wire::default(), arm_with_rotated_axis());
         let refused = CalibratedRobot::new(&mut wire, &arm).send_path(vec![point(0.0)], None);
         assert_eq!(refused, Err(QueueError::Uncorrected { point: 1 }));
         let far = MoveLin { pose: KukaPose { x_mm: 2_000.0, ..pose(0.0) }, ..point(0.0) };

@@ -1,10 +1,10 @@
-//! The evaluation of a film, and a memory of films for simulations of many cycles: equal pictures at equal times give
-//! equal results.
+//! The evaluation of a film, and a cache of evaluated films for simulations of many cycles: equal pictures at equal
+//! times give equal results.
 //!
-//! A film is evaluated picture by picture. If films are remembered, the pictures are only stored as they arrive. After
-//! the last one, the film is evaluated, or its result is read from the memory. The conditions for accepting a picture
-//! are checked as the picture arrives; if they fail, the film is evaluated from there on. With the thesis's method, a
-//! different fault may be reported at the end instead.
+//! Without the cache, each picture is evaluated when it arrives. With the cache, the pictures are only stored when they
+//! arrive; after the last picture, the film is evaluated, or its result is read from the cache. The conditions for
+//! accepting a picture are checked when it arrives; if they fail, the film is evaluated from this picture on. With the
+//! thesis's method, a different fault may then be reported at the end.
 
 use super::answers::figure;
 use super::ports::Note;
@@ -20,12 +20,13 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// Maximum number of remembered films: each contains a time for every pixel. Any further film is always evaluated.
+/// Maximum number of films in the cache, each of which contains a time for every pixel. Further films are always
+/// evaluated.
 const MAX_FILMS: usize = 1_000;
-/// Maximum number of pictures of a remembered film; a longer film is evaluated as its pictures arrive.
+/// Maximum number of pictures of a film in the cache; the pictures of a longer film are evaluated when they arrive.
 const MAX_PICTURES: usize = 1_000;
 
-/// The result of a film that was watched to its end.
+/// The result of a complete film.
 #[derive(Debug, Clone)]
 pub(super) struct JudgedFilm {
     pub film: Film,
@@ -36,22 +37,22 @@ pub(super) struct JudgedFilm {
     pub notes: Vec<Note>,
 }
 
-/// The memory of films that were watched before. Clones share the same memory; it is valid for cycles of one setup.
+/// A cache of evaluated films. Clones share the same cache; it is valid for the cycles of one setup.
 #[derive(Debug, Clone)]
 pub(super) struct FilmMemory {
     known: Arc<Mutex<MemoryEntries>>,
-    /// Converts a note to the form in which it is remembered.
+    /// Converts a note to the form in which it is stored in the cache.
     keeps: fn(Note) -> Note,
 }
 
 #[derive(Debug, Default)]
 struct MemoryEntries {
-    /// The panel data with which a film was begun without an error.
+    /// The panel data, as text, with which a film was begun without an error.
     places: BTreeSet<String>,
     films: BTreeMap<String, JudgedFilm>,
 }
 
-/// A picture, its time, s, and its phase.
+/// A picture of the film with its time, s, and its phase.
 type Shot = (Arc<ColorPicture>, f64, Phase);
 
 /// The data of the panel that a film shows.
@@ -59,16 +60,16 @@ type Shot = (Arc<ColorPicture>, f64, Phase);
 pub(super) struct FilmedPanel {
     /// The panel's pose.
     pub place: Rigid<Base, Panel>,
-    /// The taught pixels that were sanded since the dry picture was taken.
+    /// The taught pixels that were sanded after the dry picture was captured.
     pub sanded: Option<Arc<Mask>>,
 }
 
-/// A film that is being watched.
+/// A film in progress.
 #[derive(Debug)]
 pub(super) enum FilmWatch {
-    /// The pictures are evaluated as they arrive.
+    /// Each picture is evaluated when it arrives.
     AtOnce(Box<film::FilmRun>),
-    /// The pictures are evaluated when the last one has arrived.
+    /// All pictures are evaluated after the last one has arrived.
     AtTheEnd { memory: FilmMemory, shots: Vec<Shot>, begins_s: Option<f64> },
 }
 
@@ -76,7 +77,7 @@ impl FilmWatch {
     /// Begins a film of the panel at this pose, with its dry picture.
     ///
     /// # Errors
-    /// If the region is not in the picture, or the picture does not have the camera's size.
+    /// If the region is not in the picture, or the picture does not have the size of the camera's pictures.
     pub fn begin_film(
         cycle: &CycleSetup,
         panel: &FilmedPanel,
@@ -107,7 +108,7 @@ impl FilmWatch {
     /// Adds the next wet picture.
     ///
     /// # Errors
-    /// If its size is not the camera's, or its time is before that of the last picture.
+    /// If the picture does not have the size of the camera's pictures, or its time is before that of the last picture.
     pub fn push(
         &mut self,
         (cycle, panel): (&CycleSetup, &FilmedPanel),
@@ -138,10 +139,10 @@ impl FilmWatch {
         }
     }
 
-    /// Judges the film.
+    /// Evaluates the film: computes the verdict.
     ///
     /// # Errors
-    /// If it has no picture of the wet panel.
+    /// If the film has no picture of the wet panel.
     pub fn finish(
         self,
         (cycle, panel): (&CycleSetup, &FilmedPanel),
@@ -165,7 +166,7 @@ impl FilmWatch {
 }
 
 impl FilmMemory {
-    /// Creates an empty memory; `keeps` converts each note to the form in which it is remembered.
+    /// Creates an empty cache; `keeps` converts each note to the form in which it is stored.
     pub fn new(keeps: fn(Note) -> Note) -> Self {
         FilmMemory { known: Arc::default(), keeps }
     }
@@ -184,14 +185,14 @@ impl FilmMemory {
 }
 
 impl FilmedPanel {
-    /// Returns the panel's data on which a film's result depends, as text.
+    /// Returns, as text, the data of the panel on which the result of a film depends.
     fn inputs(&self) -> String {
         format!("{:?} {:x}", self.place, mask_hash(self.sanded.as_deref()))
     }
 }
 
-/// Returns the other data on which a film's result depends, as text: its pictures, and their times after the first wet
-/// one.
+/// Returns, as text, the other data on which the result of a film depends: its pictures, and their times after the
+/// first wet picture.
 fn inputs(shots: &[Shot], begins_s: Option<f64>) -> String {
     let first_s = shots.iter().find(|(.., phase)| *phase == Phase::Wet).map_or(0.0, |(_, time_s, _)| *time_s);
     let one = |(picture, time_s, phase): &Shot| {
@@ -202,14 +203,14 @@ fn inputs(shots: &[Shot], begins_s: Option<f64>) -> String {
     format!("{late_s:?}{}", shots.iter().map(one).collect::<String>())
 }
 
-/// Returns a hash of a mask of the taught pixels, or of no mask.
+/// Returns a hash of a mask of the taught pixels; also if there is no mask.
 pub(super) fn mask_hash(mask: Option<&Mask>) -> u64 {
     let mut hasher = DefaultHasher::new();
     mask.map(|mask| &mask.inside).hash(&mut hasher);
     hasher.finish()
 }
 
-/// Returns a hash of a picture. It identifies pictures within one process, in which no forged pictures occur.
+/// Returns a hash of a picture. It identifies pictures within one process and is not secure against forged pictures.
 fn picture_hash(picture: &ColorPicture) -> u64 {
     let mut hasher = DefaultHasher::new();
     (picture.width, picture.height, picture.rgb.as_flattened()).hash(&mut hasher);

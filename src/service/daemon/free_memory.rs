@@ -1,12 +1,12 @@
-//! Returns the memory of a cycle's pictures and scans to the system after the cycle.
+//! After a cycle, returns the memory of its pictures and scans to the operating system.
 //!
-//! The C library retains freed memory for the next allocations. If small objects stay allocated in it, the free memory
-//! is fragmented. So the memory of a service that runs for weeks grows with every picture for which no free block is
-//! large enough.
+//! The C library keeps freed memory for later allocations. If small objects stay allocated between freed blocks, the
+//! free memory is fragmented. The memory of a service that runs for weeks then grows with every picture for which no
+//! free block is large enough.
 #![cfg_attr(target_env = "gnu", allow(unsafe_code, reason = "malloc_trim of the C library has no safe wrapper"))]
 
-/// Returns all free memory of the process to the system, if the C library can do this. This takes some 10 ms for each
-/// 30 MB, during which threads that allocate memory may wait. Call it only while the robot is at rest.
+/// Returns all free memory of the process to the operating system, if the C library can do this. The call takes about
+/// 10 ms for each 30 MB; meanwhile, threads that allocate memory may wait. Call it only while the robot is stationary.
 #[cfg(target_env = "gnu")]
 pub fn give_back_free_memory() {
     let begun = std::time::Instant::now();

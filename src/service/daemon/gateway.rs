@@ -1,8 +1,8 @@
-//! The entry point of the service for its interfaces: an interface passes on a request and its origin, and waits for
-//! one reply.
+//! The entry point of the service for its interfaces: an interface submits a request with its author, and waits for one
+//! reply.
 //!
-//! The origin is the operating system's user at the other end of a connection, by number and name. [`InterfaceContext`]
-//! has the parts that all interfaces share: page, plant and office show the same cell.
+//! The author is the operating system's user at the other end of a connection, by number and name. [`InterfaceContext`]
+//! contains the parts that all interfaces share, so that page, plant and office server show the same cell.
 
 use super::alarms::Alarms;
 use super::camera_lease::SharedCameras;
@@ -21,42 +21,43 @@ use std::time::Duration;
 use tokio::sync::oneshot;
 use tokio::time::timeout;
 
-/// Time limit for the loop's reply; if it takes longer, the loop is faulty.
+/// Time limit for a reply of the loop; after a longer time the loop is treated as faulty.
 const REPLY_TIMEOUT: Duration = Duration::from_secs(5);
-/// Time limit for reading the name of the user who makes a request. A stop is sent to the robot when it enters the
-/// queue, so it waits for the name only as long as an intact disk takes.
+/// Time limit for reading the name of the user who sends a request, and below it the limit for a stop. A stop reaches
+/// the robot when it enters the queue, so it waits for the name only as long as a working disk needs.
 const NAME_TIMEOUT: Duration = Duration::from_secs(1);
 const NAME_TIMEOUT_OF_STOP: Duration = Duration::from_millis(20);
 
-/// Reads and checks the files of a requested cycle, or returns why the cycle cannot begin.
+/// Reads and checks the files for a requested cycle, or returns the reasons why the cycle cannot begin.
 pub type Loader = dyn Fn(StartRequest) -> Result<PreparedCycle, Vec<Reason>> + Send + Sync;
 
-/// The entry point through which interfaces submit requests. All clones share the same state.
+/// The entry point through which interfaces submit requests. Clones share the same state.
 #[derive(Clone)]
 pub struct Gateway {
     queue: RequestSender,
     loader: Arc<Loader>,
-    /// The service's cameras, after they are opened.
+    /// The cameras of the service; `None` until they are opened.
     pub(super) cameras: Option<SharedCameras>,
     /// Looks up the names of users.
     names: Arc<NameLookup>,
 }
 
 impl Gateway {
-    /// Creates a gateway: requests go to `queue`, `loader` prepares starts, and `cameras` are lent while the cell
-    /// rests.
+    /// Creates a gateway. Requests are sent to `queue`, `loader` prepares the start of cycles, and `cameras` are lent
+    /// while no cycle is running.
     pub fn new(queue: RequestSender, loader: Arc<Loader>, cameras: Option<SharedCameras>) -> Self {
         Gateway { queue, loader, cameras, names: Arc::new(user_name) }
     }
 
-    /// Passes on a request and returns the reply. It must run on a tokio runtime that has a blocking thread for the
+    /// Submits a request and returns the reply. It must run on a tokio runtime that has a blocking thread for the
     /// loader.
     pub async fn request(&self, what: RequestKind, who: RequestAuthor) -> Reply {
         let (what, who) = match what {
-            // The user's name is not looked up here: the state is requested many times a second, and the name is read
-            // from a file.
+            // The user's name is not read for this request: the state is requested many times a second, and the name is
+            // read from a file.
             RequestKind::State => (RequestKind::State, who),
-            // The files are read here and not in the loop, which must answer the robot even if the disk is slow.
+            // The files are read here and not in the loop, because the loop must answer the robot even if the disk is
+            // slow.
             RequestKind::Start(start) => {
                 let (recipe, who) = (start.recipe.clone(), self.named(who).await);
                 match self.prepare(start).await {
@@ -90,8 +91,9 @@ impl Gateway {
         }
         match timeout(REPLY_TIMEOUT, answer).await {
             Ok(Ok(reply)) => reply,
-            Ok(Err(_)) => failed("ended", "the service ended before it could answer"),
-            // The reply is not "refused": the request is in the queue and may still be executed.
+            Ok(Err(_)) => failed("ended", "the service ended before it could answer; start the service and repeat \
+                                           the request"),
+            // The reply is "failed", not "refused": the request is in the queue and may still be executed.
             Err(_) => failed(
                 "silent",
                 "the control loop of the service does not respond; check the state and the log of the service",
@@ -99,16 +101,17 @@ impl Gateway {
         }
     }
 
-    /// Returns the user with a name, if this computer's list of users has one and can be read in time.
+    /// Returns the user with a name, if this computer's list of users contains the user and can be read in time.
     pub(super) async fn named(&self, who: RequestAuthor) -> RequestAuthor {
         named_within(who, self.names.clone(), NAME_TIMEOUT).await
     }
 
-    /// Passes a request to the loop for the record, if it was refused here or in an interface.
+    /// Passes a request that was refused here or in an interface to the loop, which records it.
     pub(super) fn keep_refused(&self, wanted: RequestedAction, who: RequestAuthor, reasons: Vec<Reason>) {
         #[expect(
             clippy::let_underscore_must_use,
-            reason = "if it is not accepted, the service has ended, or this user has too many requests waiting"
+            reason = "the refused request is not recorded: the service has ended, or too many requests of this user \
+                      are waiting"
         )]
         let _ = self.queue.send(Request::new(RequestKind::Refused { wanted, reasons }, who));
     }
@@ -126,10 +129,10 @@ impl Gateway {
     }
 }
 
-/// Returns the name for a user's number; may wait for the disk.
+/// Returns the name of the user with this number; may wait for the disk.
 type NameLookup = dyn Fn(u32) -> Option<String> + Send + Sync;
 
-/// Returns the user at the other end of this connection to the service's socket, still without a name.
+/// Returns the user at the other end of this connection to the service's socket, without the name.
 pub(super) fn socket_peer(connection: impl AsFd) -> RequestAuthor {
     let uid = rustix::net::sockopt::socket_peercred(connection).ok().map(|peer| peer.uid.as_raw());
     RequestAuthor { front: RequestSource::Socket, uid, user: None, from: None }
@@ -145,7 +148,7 @@ pub fn current_user() -> RequestAuthor {
     })
 }
 
-/// Returns the same user with a name, if this computer's list of users has one.
+/// Returns the user with the name, if this computer's list of users contains the user.
 fn with_name(who: RequestAuthor) -> RequestAuthor {
     match who.uid {
         Some(uid) => RequestAuthor { user: user_name(uid), ..who },
@@ -153,8 +156,8 @@ fn with_name(who: RequestAuthor) -> RequestAuthor {
     }
 }
 
-/// Returns the same user with the name from the look-up, which runs on a separate thread: a disk that hangs must not
-/// delay the request of any user. After the time limit, the user is known by the number alone.
+/// Returns the user with the name from the look-up, which runs on a separate thread, so that a disk that hangs does not
+/// delay any request. If the look-up exceeds the time limit, the user is identified by the number only.
 async fn named_within(who: RequestAuthor, lookup: Arc<NameLookup>, limit: Duration) -> RequestAuthor {
     let Some(uid) = who.uid else { return who };
     let found = timeout(limit, tokio::task::spawn_blocking(move || lookup(uid))).await;
@@ -171,7 +174,8 @@ pub(super) fn format_for_log(who: &RequestAuthor) -> String {
     }
 }
 
-/// Returns the name for a number in the list of users. A directory service is not queried, since it may hang.
+/// Returns the name for a number in this computer's list of users. A directory service is not queried, because it may
+/// hang.
 fn user_name(uid: u32) -> Option<String> {
     let list = disk::read(Path::new("/etc/passwd")).ok()?;
     find_user_name(&String::from_utf8_lossy(&list), uid)
@@ -187,22 +191,22 @@ fn find_user_name(list: &str, uid: u32) -> Option<String> {
     list.lines().find_map(of_line)
 }
 
-/// The shared parts of the interfaces. Clones share the same parts.
+/// The parts that all interfaces share. Clones share the same parts.
 #[derive(Clone)]
 pub struct InterfaceContext {
-    /// The destination of requests.
+    /// The entry point for requests.
     pub gateway: Gateway,
-    /// The accounts of people who may log in, and the interfaces' access to the store.
+    /// The accounts of people who may log in; they also open the store for the interfaces.
     pub people: Arc<AccountService>,
     /// The alarms of the cell.
     pub alarms: Arc<Alarms>,
-    /// Recipes, calibrations and the rest of the set-up.
+    /// The source of recipes, calibrations and the rest of the set-up.
     pub setup: Arc<dyn SetupSource>,
 }
 
 impl InterfaceContext {
-    /// Checks for alarms between cycles if they were not checked within the last minute; the check of a camera may take
-    /// some time.
+    /// Checks for alarms between cycles if they were not checked within the last minute. The check of a camera may take
+    /// some seconds.
     pub(super) fn check_alarms(&self) {
         self.alarms.check_cell(&*self.setup, self.gateway.cameras.as_ref());
     }
@@ -235,7 +239,7 @@ mod tests {
         let (disk, hangs) = std::sync::mpsc::channel::<()>();
         let hangs = std::sync::Mutex::new(hangs);
         assert_eq!(named(Arc::new(move |_| hangs.lock().ok()?.recv().ok().map(|()| String::new()))), None);
-        // The waiting thread ends when its channel is dropped, and the runtime can end.
+        // The waiting thread ends when its channel is dropped; then the runtime can end.
         drop(disk);
     }
 

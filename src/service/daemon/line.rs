@@ -1,7 +1,7 @@
-//! The handshake with a production line by digital signals of the robot's controller. Ten times a second a thread reads
-//! the inputs and the state of the cell, sets the outputs, and makes the requests that `panelprep_cell::line` decides,
-//! through the gateway like every interface. The loop never waits for this thread. If the thread does not run, the
-//! controller's program reports a fault to the line when the link is lost.
+//! The handshake with a production line by digital signals of the robot's controller. Ten times a second, a thread
+//! reads the inputs and the state of the cell, sets the outputs, and sends the requests that `panelprep_cell::line`
+//! decides. It uses the gateway like every interface. The loop never waits for this thread. If the thread does not run,
+//! the program of the controller reports a fault to the line when its connection to this service ends.
 
 use super::background::lower_priority;
 use super::gateway::Gateway;
@@ -25,38 +25,39 @@ use tokio::runtime::Builder;
 use tokio::sync::oneshot;
 use tokio::time::{MissedTickBehavior, interval};
 
-/// Interval at which the controller reports its inputs.
+/// Interval at which the thread reads the inputs and sets the outputs; the controller reports its inputs at this
+/// interval.
 const UPDATE_INTERVAL: Duration = Duration::from_millis(100);
 /// Number of threads that read the recipe and wait for the store's disk.
 const BLOCKING_THREADS: usize = 2;
-/// Maximum time for which the end of the program waits for these threads.
+/// Maximum time for which the program's shutdown waits for these threads.
 const SHUTDOWN_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// The parts that the handshake needs.
+/// The parts of the service that the handshake needs.
 pub struct LineParts {
     /// The `[line]` table of the cell's file.
     pub line: Line,
-    /// The bits of `part_present` and `start_request` among the controller's inputs.
+    /// Bit numbers of `part_present` and `start_request` among the controller's inputs.
     pub inputs: [u32; 2],
-    /// The robot's last state.
+    /// The last reported state of the robot.
     pub last: LastState,
-    /// The controller's outputs for a line.
+    /// The controller's outputs for the production line.
     pub outputs: LineOutputs,
-    /// The destination of requests.
+    /// The entry point for requests.
     pub gateway: Gateway,
     /// The audit trail.
     pub people: Arc<AccountService>,
 }
 
 impl LineParts {
-    /// Returns the bits of the line's inputs, if the cell names both inputs.
-    pub fn bits(io: &InputsOutputs) -> Option<[u32; 2]> {
+    /// Returns the bit numbers of the line's inputs, if the cell names both inputs.
+    pub fn input_bits(io: &InputsOutputs) -> Option<[u32; 2]> {
         let [part_present, start_request] = LINE_INPUTS.map(|name| io.input_bit(name));
         Some([part_present?, start_request?])
     }
 }
 
-/// The handshake with the line; it runs until this is dropped.
+/// The running handshake; dropping this value ends it.
 #[derive(Debug)]
 pub struct LineFront {
     end: Option<oneshot::Sender<()>>,
@@ -67,7 +68,7 @@ impl LineFront {
     /// Starts the handshake.
     ///
     /// # Errors
-    /// If the system provides no thread.
+    /// If the operating system cannot start a thread.
     pub fn serve(parts: LineParts) -> std::io::Result<Self> {
         let runtime = Builder::new_current_thread().enable_time().max_blocking_threads(BLOCKING_THREADS).build()?;
         let (end, mut ended) = oneshot::channel();
@@ -98,7 +99,7 @@ async fn run_handshake(parts: LineParts) {
     let mut tick = interval(UPDATE_INTERVAL);
     tick.set_missed_tick_behavior(MissedTickBehavior::Delay);
     let mut last_reported = None;
-    // A signal cannot name a recipe, so the recipe of the service's start is used.
+    // A signal cannot name a recipe; therefore the recipe with which the service was started is used.
     let recipe = parts.recipe().await;
     loop {
         tick.tick().await;
@@ -131,7 +132,7 @@ impl LineParts {
         LineObservation { inputs, cell }
     }
 
-    /// Sends the request to the cell; returns whether the request was accepted. The loop records the request with its
+    /// Sends the request to the cell; returns whether the request was accepted. The loop records the request and its
     /// result.
     async fn send_request(&self, request: LineRequest, recipe: &Result<RecipeText, String>) -> bool {
         let (word, asked) = match request {
@@ -151,16 +152,16 @@ impl LineParts {
         if reply.answer == RequestResult::Done {
             return true;
         }
-        tracing::warn!("the line requested a {word}, which was refused: {}", reply.joined_reasons());
+        tracing::warn!("the production line requested a {word}, which was refused: {}", reply.joined_reasons());
         if reply.may_be_unrecorded() {
             self.write_audit(word, reply.joined_reasons()).await;
         }
         false
     }
 
-    /// Writes a line of the audit trail for a request that the loop never received.
+    /// Adds an entry to the audit trail for a request that was refused before the loop received it.
     async fn write_audit(&self, word: &str, refused: String) {
-        let from = "the line's digital signals".to_owned();
+        let from = "the handshake with the production line".to_owned();
         let entry =
             AuditEntry { refused: Some(refused), ..AuditEntry::for_completed_action(None, None, from, word) };
         let people = self.people.clone();
@@ -171,8 +172,8 @@ impl LineParts {
         let _ = tokio::task::spawn_blocking(move || people.audit(&entry)).await;
     }
 
-    /// Returns the start of a cycle with the recipe and the part that the cell's file names. A recipe that was changed
-    /// since the service started is refused.
+    /// Returns the request to start a cycle with the recipe and the part that the cell's file names. A recipe that was
+    /// changed after the service started is refused.
     async fn start(&self, recipe: &Result<RecipeText, String>) -> Result<RequestKind, String> {
         let Line { serial, order, operator, .. } = self.line.clone();
         let wanted = recipe.as_ref().map_err(|problem| add_restart_advice(problem))?;
@@ -204,15 +205,15 @@ impl LineParts {
     }
 }
 
-/// Adds to a problem that the service must be restarted to use the present recipe.
+/// Adds the advice to restart the service, so that it uses the present recipe.
 fn add_restart_advice(problem: &str) -> String {
     format!("{problem}; restart the service if the line is to use the current recipe")
 }
 
 #[cfg(test)]
 mod tests {
-    //! Tests the handshake over the robot's link, with a controller that executes its own programs: the line's inputs
-    //! and outputs are those of the controller.
+    //! Tests the handshake over the connection to the robot, with a controller that executes its own programs: the
+    //! line's inputs and outputs are those of the controller.
 
     use super::{LineFront, LineParts};
     use crate::daemon::gateway::Gateway;
@@ -233,13 +234,13 @@ mod tests {
     use std::thread::JoinHandle;
     use std::time::{Duration, Instant};
 
-    /// Time limit that is long enough on a busy machine.
+    /// Time limit of the test, long enough for a busy machine.
     const TIMEOUT: Duration = Duration::from_secs(60);
-    /// Numbers of the inputs part present and start request, and of the six outputs.
+    /// Numbers of the inputs part present and start request, and below them of the six outputs.
     const INPUTS: [u16; 2] = [30, 31];
     const OUTPUTS: [u16; 6] = [40, 41, 42, 43, 44, 45];
 
-    /// A controller, the link to it, and a loop that only answers requests.
+    /// Test bench: a controller, the connection to it, and a loop that only answers requests.
     struct Bench {
         server: MockServer,
         /// The state and verdict that the loop reports.
@@ -316,7 +317,7 @@ mod tests {
             *self.state.lock().expect("whole") = (state, verdict);
         }
 
-        /// Waits until the line's signals are exactly these outputs.
+        /// Waits until exactly these signals of the line are on.
         fn line_reads(&self, signals: &[LineSignal]) {
             let (wanted, since) = (LineSignals::from_signals(signals), Instant::now());
             loop {
@@ -337,14 +338,14 @@ mod tests {
     fn receive_reports(mut link: BlockingLink, last: &LastState, is_over: &AtomicBool) {
         while !is_over.load(Ordering::Relaxed) {
             match link.next(Duration::from_millis(20)) {
-                Some(Report::State(state) | Report::Connected { state }) => last.is(Some(&state)),
-                Some(Report::LinkLost { .. }) => last.is(None),
+                Some(Report::State(state) | Report::Connected { state }) => last.set(Some(&state)),
+                Some(Report::LinkLost { .. }) => last.set(None),
                 _ => {}
             }
         }
     }
 
-    /// Answers requests as the loop does: reports the state, and a reset leads to idle.
+    /// Answers requests as the loop does: reports the state, and changes to idle after a reset.
     fn answer(
         (queue, is_over): (&RequestQueue, &AtomicBool),
         state: &Mutex<(&'static str, Option<Verdict>)>,
@@ -365,9 +366,9 @@ mod tests {
         }
     }
 
-    /// Tests three sequences: a start by a signal edge with the recipe and work order of the cell's file, which is
-    /// refused and reported; a completed cycle, whose part is then removed, and a reset; and a fault when no thread
-    /// serves the link.
+    /// Tests three sequences. First, a signal edge starts a cycle with the recipe and the work order of the cell's
+    /// file; the start is refused, and the refusal is reported. Second, after a completed cycle the part is removed,
+    /// and the cell is reset. Third, if no thread serves the connection, the line receives a fault.
     #[test]
     fn a_production_line_controls_the_cell_by_signals() {
         use LineSignal::{CycleDone, Fail, Fault, Pass, Ready};
@@ -400,7 +401,7 @@ mod tests {
         bench.resets.recv_timeout(TIMEOUT).expect("the part is gone");
         bench.line_reads(&[Ready]);
 
-        // The program ends: the controller's own program reports it to the line.
+        // The service ends; the controller's own program reports this to the line.
         drop(bench.front.take());
         bench.is_over.store(true, Ordering::Relaxed);
         bench.link.take().expect("it runs").join().expect("it ends");

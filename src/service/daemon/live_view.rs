@@ -1,9 +1,9 @@
 //! The live view for people: the newest picture of the cameras, and the newest cycle in three dimensions (the points
 //! that the scan measured, and the planned paths).
 //!
-//! The computing thread offers a picture; a viewer fetches the newest one and draws it on a separate thread. No thread
-//! waits for a viewer: if there was no viewer recently, nothing is copied, and a picture that was not fetched is
-//! replaced. The scene is stored in the service's memory only, and belongs to the newest cycle.
+//! The computing thread offers a picture; a viewer fetches the newest picture and draws it on a separate thread. No
+//! thread waits for a viewer: without a recent viewer no picture is copied, and a picture that was not fetched is
+//! replaced by the next one. The scene is kept in memory only, and belongs to the newest cycle.
 
 use super::perception::view;
 use super::setup::CycleSetup;
@@ -14,9 +14,9 @@ use panelprep_toolpath::path::Plan;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use std::time::{Duration, Instant};
 
-/// Shortest time between two pictures that are offered.
+/// Minimum interval between two pictures that are offered.
 const MIN_PICTURE_INTERVAL: Duration = Duration::from_millis(450);
-/// Time after the last request for a picture during which a client counts as a viewer.
+/// Time after the last request for a picture during which a client is treated as a viewer.
 const VIEWER_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// The newest picture. Clones share the same picture.
@@ -31,23 +31,23 @@ struct Inside {
     last_viewed: Option<Instant>,
 }
 
-/// A picture, with the data that are drawn on it.
+/// A picture with the data that are drawn on it.
 #[derive(Debug)]
 pub struct LiveFrame {
-    /// The name of the camera's picture or of the drawing.
+    /// The name of the camera's picture, or of the drawing.
     pub name: String,
     /// The picture.
     pub picture: Arc<ColorPicture>,
-    /// The film to which the picture belongs, if it is part of one.
+    /// The film to which the picture belongs, if any.
     pub film: Option<LiveFilm>,
 }
 
-/// A film in progress.
+/// The intermediate result of a film in progress.
 #[derive(Debug)]
 pub struct LiveFilm {
     /// Seconds since the film's first picture.
     pub film_time_s: f64,
-    /// The pixels that broke so far. Pixels that are later found to be glints are removed at the end.
+    /// The pixels that broke so far. Those of them that are later classified as glints are removed at the end.
     pub broken_so_far: Mask,
     /// The grids that failed so far.
     pub failed_so_far: Vec<GridId>,
@@ -59,7 +59,7 @@ impl LiveFrame {
     /// Returns the picture with the data drawn on it.
     ///
     /// # Errors
-    /// If it cannot be drawn.
+    /// If the picture cannot be drawn.
     pub fn draw(&self) -> Result<ColorPicture, ImagingError> {
         let Some(film) = &self.film else { return Ok((*self.picture).clone()) };
         let failed = |grid: &Grid| film.failed_so_far.contains(&grid.id);
@@ -73,14 +73,14 @@ impl LiveFrame {
 }
 
 impl LiveView {
-    /// Returns the number of the newest picture, and the picture if there is one. The caller counts as a viewer.
+    /// Returns the number of the newest picture, and the picture if there is one. The caller is treated as a viewer.
     pub fn newest_picture(&self) -> (u64, Option<Arc<LiveFrame>>) {
         let mut inside = self.lock();
         inside.last_viewed = Some(Instant::now());
         (inside.number, inside.frame.clone())
     }
 
-    /// Removes the picture: a cycle begins, and the picture belongs to another part.
+    /// Removes the picture, because a new cycle with another part begins.
     pub(super) fn clear(&self) {
         self.lock().frame = None;
     }
@@ -90,7 +90,7 @@ impl LiveView {
         &self.1
     }
 
-    /// Offers a picture; it is created only if there is a viewer and the last picture is old enough.
+    /// Offers a picture. It is created only if there is a viewer and the last picture is old enough.
     pub(super) fn offer_picture(&self, frame: impl FnOnce() -> Option<LiveFrame>) {
         let is_recent = |at: Option<Instant>, span| at.is_some_and(|at| at.elapsed() < span);
         {
@@ -101,7 +101,7 @@ impl LiveView {
                 return;
             }
         }
-        // Created without the lock, so that no viewer waits for a copy.
+        // The picture is created without the lock, so that no viewer waits while it is copied.
         if let Some(frame) = frame() {
             let mut inside = self.lock();
             inside.number += 1;
@@ -114,16 +114,16 @@ impl LiveView {
     }
 }
 
-/// Maximum number of points of a scan that are shown.
+/// Maximum number of points of a scan in the scene.
 const MAX_POINTS: usize = 150_000;
 
-/// The newest cycle's scene. Clones share the same scene.
+/// The scene of the newest cycle. Clones share the same scene.
 #[derive(Debug, Clone, Default)]
 pub(super) struct LiveScene(Arc<Mutex<SceneContent>>);
 
 #[derive(Debug, Default)]
 struct SceneContent {
-    /// The cycle to which the scene belongs; a new cycle begins a new scene.
+    /// The cycle to which the scene belongs; for a new cycle the scene is replaced.
     cycle: Weak<CycleSetup>,
     points: Option<Arc<Vec<u8>>>,
     paths: Vec<ScenePath>,
@@ -150,7 +150,7 @@ impl LiveScene {
         (inside.points.clone(), inside.paths.clone())
     }
 
-    /// Shows a scan of this cycle's panel; the scene of another cycle is removed.
+    /// Adds a scan of this cycle's panel; a scene of another cycle is removed.
     pub(super) fn show_scan(
         &self,
         cycle: &Arc<CycleSetup>,
@@ -161,7 +161,7 @@ impl LiveScene {
         self.lock_cycle(cycle).points = Some(packed);
     }
 
-    /// Shows a path over this cycle's panel; the same plan is shown only once.
+    /// Adds a path over this cycle's panel; a plan that was already added is ignored.
     pub(super) fn show_plan(&self, cycle: &Arc<CycleSetup>, (number, pass): (u64, u8), plan: &Plan) {
         let waypoints = plan.paths.iter().flat_map(|path| &path.waypoints).map(|waypoint| {
             let at = waypoint.panel_from_tool.origin().mm;
@@ -180,7 +180,7 @@ impl LiveScene {
         inside.paths.push(path);
     }
 
-    /// Returns the scene of this cycle; replaces it by a new one if it belonged to another cycle.
+    /// Returns the scene of this cycle. If the scene belongs to another cycle, it is replaced by an empty one.
     fn lock_cycle(&self, cycle: &Arc<CycleSetup>) -> MutexGuard<'_, SceneContent> {
         let mut inside = self.lock();
         if !std::ptr::eq(inside.cycle.as_ptr(), Arc::as_ptr(cycle)) {
@@ -267,7 +267,7 @@ mod tests {
     fn a_large_scan_is_thinned_evenly() {
         let count = 600 * 500;
         let scan = OrganizedCloud::new(600, 500, vec![[1.0; 3]; count], vec![[0; 3]; count]).expect("counts agree");
-        // Calculated by hand: every second point of each row and column.
+        // Expected value, calculated by hand: every second point of each row and column remains.
         assert_eq!(points(&scan, &moved()).len(), 16 * 300 * 250);
     }
 }

@@ -1,4 +1,4 @@
-//! The main loop: it takes an event, computes the step of the state table, performs the effects of the step, and
+//! The main loop: it receives an event, computes the step of the state table, performs the effects of the step, and
 //! continues with the next event.
 //!
 //! ```text
@@ -8,26 +8,26 @@
 //! ```
 //!
 //! The state table decides (see `cycle`); the loop performs. The data of an action (the scan's fit, the refined pose,
-//! the film, the plan) stay in the loop and never enter the state table, which receives ids, counts and grades. Actions
-//! that use a camera or compute share one queue (`computing`). A thread processes the queue while the loop continues to
-//! answer; in a replay and in the simulated cell of one command, the loop itself does. If an action was abandoned in
-//! the meantime, its result changes nothing. The robot's link has a thread of its own, and the controller stops
-//! automatically if it receives no data from this thread.
+//! the film, the plan) stay in the loop; the state table receives only ids, counts and grades. Actions that use a
+//! camera or compute share one queue (`computing`). In the service, a thread processes the queue while the loop
+//! continues to answer; in a replay and in the simulated cell of a single command, the loop processes the queue itself.
+//! The result of an action that was abandoned in the meantime is ignored. The connection to the robot has its own
+//! thread, and the controller stops automatically if it receives no data from this thread.
 //!
 //! The loop uses the robot's time. In lock step this is the mock controller's virtual clock, so that sprays, films and
 //! deadlines need no real time; this clock stops during a computation.
 //!
-//! `setup` is the loop's input. `running` is its memory, with the action in progress, the path that was sent, and the
-//! limit up to which a contact path may continue. `answers` converts a phase's findings to the state table's answer and
-//! the record's finding; `tool_state` is the known state of a compliant tool. `run`, `actions`, `moves`, `contacts` and
-//! `robot_reports` perform the effects.
+//! `setup` is the loop's input. `running` is its memory: the action in progress, the path that was sent, and the last
+//! waypoint that is permitted on a contact path. `answers` converts the result of a phase to the state table's answer
+//! and the record's finding; `tool_state` is the known state of a compliant tool. `run`, `actions`, `moves`, `contacts`
+//! and `robot_reports` perform the effects.
 //!
 //! A service, a single cycle and a replay use this same loop with different `ports`. Around the loop of the service are
-//! `request` (the one request type of every interface) · `socket` (the interface on this computer) · `protocol` (a line
-//! in, a line out) · `gateway` (a request in, a reply out) · `request_queue` (waiting requests, by their urgency) ·
-//! `request_handler` (requests, signals and systemd, for the loop) · `camera_lease` (the cameras, lent between cycles)
-//! · `operator_texts` (states and refusals for people). `replay` records the data that pass through the ports, and runs
-//! a cycle again from a recording.
+//! `request` (the one request type of every interface) · `socket` (the interface on this computer) · `protocol` (one
+//! line per request and per reply) · `gateway` (takes a request and returns its reply) · `request_queue` (waiting
+//! requests, by their urgency) · `request_handler` (requests, signals and systemd, for the loop) · `camera_lease` (the
+//! cameras, lent between cycles) · `operator_texts` (states and refusals for people). `replay` records the data that
+//! pass through the ports, and runs a cycle again from a recording.
 
 mod abrasion;
 mod actions;
@@ -110,9 +110,9 @@ pub use ports::{
 pub use proof_gate::ProofGate;
 pub use protocol::{MAX_BYTES, ProtocolError, read_request, request_line};
 pub use push::{PushParts, PushSender, PushStatus};
-pub use recording::{FLOOR_MB, StoreRecord, picture_store};
+pub use recording::{MIN_FREE_SPACE_MB, StoreRecord, picture_store};
 pub use replay::{
-    Difference, Player, RECORDING_FLOOR_MB, RecordedPort, Recording, RecordingPlan, RecordingResult,
+    Difference, Player, MIN_FREE_SPACE_FOR_RECORDING_MB, RecordedPort, Recording, RecordingPlan, RecordingResult,
     RecordingStatus, RecordingSwitch, ReplayResult, disk_full_message, free_mb, recording_file, recordings,
 };
 pub use request::{

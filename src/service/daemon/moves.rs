@@ -1,5 +1,5 @@
-//! Motions: the gate judges each path as a whole; the path is then sent, and monitored until the robot is at rest at
-//! its end.
+//! Motions: each path is checked as a whole. The path is then sent, and monitored until the robot is stationary at its
+//! end.
 
 use super::error::DaemonError;
 use super::ports::RobotPort;
@@ -18,11 +18,11 @@ use panelprep_toolpath::path::trace::Trace;
 use panelprep_toolpath::path::{Kinematics, PanelPoses, judge_joints, reach, routes, taught_axis};
 use std::sync::Arc;
 
-/// Largest deviation of the TCP from the commanded pose, mm and degrees.
+/// Maximum deviation of the TCP from the commanded pose, mm and degrees.
 const MAX_DEVIATION_MM: f64 = 1.0;
 const MAX_DEVIATION_DEG: f64 = 0.5;
-/// Largest deviation of each axis from a commanded named pose, degrees: ten times the resolution that a controller
-/// reports. The limit is the same as in `single_interlocks`, so that the arm counts as parked in the same cases.
+/// Maximum deviation of each axis from a commanded named pose, degrees: ten times the resolution that a controller
+/// reports. `single_interlocks` uses the same limit, so that both treat the arm as parked in the same cases.
 const MAX_AXIS_DEVIATION_DEG: f64 = 0.1;
 
 /// Speed and acceleration of the axes between named poses, % of their maximum.
@@ -31,7 +31,7 @@ const AXIS_SPEED_PERCENT: u8 = 20;
 /// The place at which a motion of the axes begins.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum AxisMotionStart {
-    /// Any place: the configured distances from obstacles apply.
+    /// Any place: the configured distances from obstacles are required.
     Anywhere,
     /// The end of a checked path, which may be nearer to the panel.
     PathEnd,
@@ -39,7 +39,7 @@ enum AxisMotionStart {
 
 impl LoopMemory<'_> {
     pub(super) fn begin_move(&mut self, id: Id, motion: Motion) -> Result<(), DaemonError> {
-        // A motion that is refused before it is sent has executed no waypoint, whatever the previous path executed.
+        // A motion that is refused before it is sent has executed no waypoint; the count of the previous path is reset.
         (self.sent_path, self.executed_at_stop) = (None, 0);
         let on_foam = self.cycle_setup().is_some_and(|setup| setup.on_foam);
         let needed = proof_gate::stage_of_motion(motion.path, on_foam);
@@ -51,7 +51,7 @@ impl LoopMemory<'_> {
         if !self.tool_permits_motion(id, motion.path)? {
             return Ok(());
         }
-        // Each zero alone is a valid value; only all of them together show that the robot program was not started.
+        // Each zero alone is a valid value; only a pose of all zeros indicates that the robot program was not started.
         if self.robot_state.is_some_and(|state| state.tip_is_unknown()) {
             let message = "the controller reports a pose of all zeros, so the arm's pose is not known; start the \
                            robot program";
@@ -62,13 +62,13 @@ impl LoopMemory<'_> {
         if self.begin_warning(id, motion)? {
             return Ok(());
         }
-        // The park pose is reached by a motion of the axes: it must be possible from any pose, even if no line within
-        // the box leads there.
+        // The park pose is reached by a motion of the axes, which must be possible from any pose, even if no straight
+        // line inside the box leads there.
         if motion.path == Path::Park {
             let poses: Vec<Joints> = self.cell.ready_pose.into_iter().chain([self.cell.park_pose]).collect();
             return self.move_by_axes(id, motion, &poses);
         }
-        // If the TCP is outside the box, a linear motion leads through the ready pose.
+        // If the TCP is outside the box, a linear motion goes through the ready pose.
         let tip: Option<Rigid<Base, Tool>> = self.robot_state.map(|state| state.base_from_tcp.to_rigid());
         if let (Path::Corner { .. }, Some(ready), Some(tip)) = (motion.path, self.cell.ready_pose, tip)
             && self.cell.limits.workspace().is_some_and(|workspace| !workspace.contains(tip.origin()))
@@ -86,8 +86,8 @@ impl LoopMemory<'_> {
         self.move_by_lines(id, motion)
     }
 
-    /// Begins the warning before this motion, if one is required: the warning output is on for a time before the first
-    /// motion after a rest. Returns whether a warning is required.
+    /// Begins the warning before this motion, if one is required: the warning output is switched on some time before
+    /// the first motion after a rest. Returns whether a warning is required.
     fn begin_warning(&mut self, id: Id, motion: Motion) -> Result<bool, DaemonError> {
         let Some((number, _)) = self.cell.warning_output.filter(|_| !self.has_warned) else { return Ok(false) };
         let sent = self.ports.robot.send(Command::SetDigout(Signal { number, on: true }));
@@ -95,7 +95,7 @@ impl LoopMemory<'_> {
         Ok(true)
     }
 
-    /// Continues the warning: its time begins with the first state that reports the output as on. After this time, the
+    /// Continues the warning. Its time begins with the first state that reports the output as on; after this time, the
     /// motion begins.
     pub(super) fn warning(
         &mut self,
@@ -119,8 +119,8 @@ impl LoopMemory<'_> {
         }
     }
 
-    /// Returns the reasons why the axes cannot move from their present position to these poses, one after the other,
-    /// without a collision with an obstacle; empty if they can.
+    /// Returns the reasons why the axes cannot move from their present position through these poses without a collision
+    /// with an obstacle; empty if they can.
     fn axis_motion_refusals(
         &self,
         poses: &[Joints],
@@ -151,8 +151,7 @@ impl LoopMemory<'_> {
         Ok(is_permitted)
     }
 
-    /// Returns the first reason why the motion of the axes from the reported positions to these poses, one after the
-    /// other, is not possible.
+    /// Returns the first reason why the axes cannot move from the reported positions through these poses.
     fn first_infeasibility(
         &self,
         state: &State,
@@ -165,7 +164,7 @@ impl LoopMemory<'_> {
             Some(obstacles) => arm.with_obstacles(obstacles),
             None => arm,
         };
-        self.mounted(state).into_iter().find_map(|flange_from_tip| {
+        self.mounted_tools(state).into_iter().find_map(|flange_from_tip| {
             let departing = match start {
                 AxisMotionStart::PathEnd => reach::arm_for_departure(&arm, &state.joints, flange_from_tip),
                 AxisMotionStart::Anywhere => Some(arm.clone()),
@@ -176,10 +175,10 @@ impl LoopMemory<'_> {
         })
     }
 
-    /// Returns the points on the flange whose distances from obstacles are checked. They belong to the sander and the
-    /// camera of the cell, and not to the active tool: after a start, any tool may be active in the controller. Without
-    /// a cycle only the active tool is known.
-    fn mounted(&self, state: &State) -> Vec<Rigid<Flange, Tool>> {
+    /// Returns the points on the flange whose distances from obstacles are checked: those of the sander and the camera
+    /// of the cell. The active tool is not used, because after a start any tool may be active in the controller.
+    /// Without a cycle only the active tool is known.
+    fn mounted_tools(&self, state: &State) -> Vec<Rigid<Flange, Tool>> {
         let Some(cycle) = &self.cycle else { return vec![state.flange_from_tool.to_rigid()] };
         let camera = Rigid::from_isometry_unchecked(*cycle.calibrations.flange_from_camera.isometry());
         cycle.sander().tips().into_iter().chain([camera]).collect()
@@ -192,7 +191,8 @@ impl LoopMemory<'_> {
         }
         let mut sent = Ok(CommandId(0));
         for pose in poses {
-            // All poses were checked before the first one is sent, since the arm would not wait for a later refusal.
+            // All poses were checked before the first one is sent, because the arm would not wait if a later pose were
+            // refused.
             sent = sent.and_then(|_| self.ports.robot.send(move_j(*pose)));
         }
         let end = poses.last().copied().map(PathEndPose::Joints);
@@ -200,13 +200,13 @@ impl LoopMemory<'_> {
     }
 
     /// Checks the motion to the park pose, with the panel as an obstacle. At the end of a path of this program the tool
-    /// may be as near to the panel as [`reach::arm_for_departure`] permits. Elsewhere, after a stop, an abort or a start of the
-    /// program, the arm may be anywhere, and the tool may be at the panel: the axes move only if the whole motion keeps
-    /// the configured distances; otherwise a person must move the arm away.
+    /// may be as near to the panel as [`reach::departing`] permits. After a stop, an abort or a start of the program,
+    /// the arm may be anywhere, and the tool may touch the panel. In this case the axes move only if the whole motion
+    /// keeps the configured distances; otherwise a person must move the arm away.
     fn park_motion_is_permitted(&mut self, poses: &[Joints]) -> Result<bool, DaemonError> {
         let state = self.robot_state;
-        // A person may have jogged the arm after the end of the path: the axis positions show whether it is still
-        // there.
+        // A person may have jogged the arm after the end of the path; the axis positions show whether the arm is still
+        // at this end.
         let is_there = |pose: &Joints| {
             state.is_some_and(|state| state.joints.max_difference_deg(pose) <= MAX_AXIS_DEVIATION_DEG)
         };
@@ -236,13 +236,12 @@ impl LoopMemory<'_> {
         })
     }
 
-    /// Returns the obstacles that the last scan showed, or, without a scan in this cycle, the panel at its last known
-    /// pose.
+    /// Returns the obstacles from the last scan; without a scan in this cycle, the panel at its last known pose.
     fn obstacles_at_rest(&self, cycle: &CycleSetup) -> Arc<Obstacles> {
         self.perception.obstacles().cloned().unwrap_or_else(|| self.last_known_panel(cycle))
     }
 
-    /// Returns the panel at the displacement that the earlier cycles found last; if they found none, at its nominal
+    /// Returns the panel at the displacement that the last localized cycle found; if there is none, at its nominal
     /// pose.
     fn last_known_panel(&self, cycle: &CycleSetup) -> Arc<Obstacles> {
         let moved: Rigid<Base, Base> =
@@ -255,9 +254,9 @@ impl LoopMemory<'_> {
     }
 
     /// Chooses the route of a motion. For the first view of a corner, this is the route to the first taught corner
-    /// that passes the gate. For the next view, it is the first such route to one of the other corners; if there is
-    /// none, the chosen corners are viewed again in turn. Verify uses only the corners by which the pose was
-    /// corrected.
+    /// whose route passes the path checks. For the next view, it is the first such route to one of the other corners;
+    /// if there is none, the chosen corners are viewed again in turn. Verify uses only the corners by which the pose
+    /// was corrected.
     fn choose_route(&mut self, motion: Motion) -> Option<GatedPath> {
         let Path::Corner { view } = motion.path else { return self.gate_current_path(motion) };
         self.perception.corners.begin_selection(view);
@@ -279,7 +278,7 @@ impl LoopMemory<'_> {
             self.perception.corners.exclude_corner(corner, &why);
         }
         match candidates.first() {
-            // No candidate passes the gate: the first one is chosen, so that its refusal is reported.
+            // No route passes the path checks: the first corner is chosen, so that the reason is reported.
             Some(&first) if view == 0 => self.perception.corners.choose(view, first),
             Some(_) => self.perception.corners.end_selection(view),
             None => {}
@@ -292,7 +291,9 @@ impl LoopMemory<'_> {
         let Some(gated) = self.choose_route(motion) else {
             self.record_problem(
                 Kind::Gate,
-                vec![Reason::new("no_route", "the panel's pose, the plan or the arm's pose is not known")],
+                vec![Reason::new("no_route", "the path cannot be checked, because the panel's pose, the plan or the \
+                                              arm's pose is not known; check the connection to the controller and \
+                                              locate the panel again")],
             )?;
             self.answer_action(id, Answer::Failed(Trouble::Gate));
             return Ok(());
@@ -305,21 +306,21 @@ impl LoopMemory<'_> {
         }
         let count = u32::try_from(gated.points.len()).unwrap_or(u32::MAX);
         let sent = self.ports.robot.send(Command::SetAccSpeed(speed_command(gated.speed)));
-        // Permissions exist only in contact: each one is recorded first, so that after a crash no more is sanded than
-        // the record states.
+        // Only contact paths need permissions. Each permission is recorded before it is sent, so that after a crash no
+        // more is sanded than the record states.
         let permitted =
             Some(self.path_progress.permitted).filter(|few| motion.path == Path::Contact && *few < count);
         let sent = sent.and_then(|_| self.ports.robot.send_path(move_lin(&gated.points), permitted));
         self.start_motion(id, motion, sent, (count, gated.end_pose.map(PathEndPose::Tip)))
     }
 
-    /// Returns the path as it is sent, with the gate's judgement; `None` if its start or its end is not known.
+    /// Returns the path as it is sent, with the result of the path checks; `None` if its start or its end is not known.
     fn gate_current_path(&self, motion: Motion) -> Option<GatedPath> {
         let (cycle, state) = (self.cycle_setup()?, self.robot_state?);
         let place = self.perception.panel_pose();
         let poses = place.map(|now| PanelPoses { now, nominal: cycle.panel.nominal_pose });
         let pad: Rigid<Panel, Tool> = state.base_from_tcp.to_rigid();
-        // The panel is an obstacle for a motion to a view of it, but not for a path that leads to its surface.
+        // The panel is an obstacle for a motion to a camera view, but not for a path that leads to the panel's surface.
         let obstacles = matches!(motion.path, Path::Corner { .. }).then(|| self.obstacles_at_rest(cycle));
         let standing = &StartState {
             limits: &cycle.cell.limits,
@@ -350,8 +351,8 @@ impl LoopMemory<'_> {
             }
             Path::Retract => {
                 let back = nalgebra::Vector3::z() * -settings.approach_mm();
-                // The path begins at the reported pose and not at the planned end: after a stop the pad is anywhere on
-                // the path.
+                // The path begins at the reported pose and not at the planned end: after a stop the pad may be anywhere
+                // on the path.
                 let to = pad
                     * Rigid::<Tool, Tool>::identity()
                         .followed_by_displacement(panelprep_base::geometry::Vector::new(back));
@@ -379,7 +380,7 @@ impl LoopMemory<'_> {
         self.wait_or_fail(id, Action::Move(motion), sent.map(|_| Condition::PathEnd))
     }
 
-    /// Handles the report that all commands up to this one are executed.
+    /// Handles the robot's report that all commands up to `done` are executed.
     pub(super) fn on_executed(&mut self, done: CommandId) -> Result<(), DaemonError> {
         let Some(sent) = &mut self.sent_path else { return Ok(()) };
         let waypoints = sent.waypoints(done);
@@ -392,7 +393,7 @@ impl LoopMemory<'_> {
         Ok(())
     }
 
-    /// Handles the end of the epoch with the robot at rest; the commands of the epoch up to this one were executed.
+    /// Handles the end of an epoch with the robot stationary; the commands of the epoch up to `done` were executed.
     pub(super) fn on_standstill(&mut self, done: CommandId) {
         if let Some(sent) = self.sent_path.take() {
             self.executed_at_stop = sent.waypoints(done).max(sent.reported);
@@ -420,7 +421,7 @@ impl LoopMemory<'_> {
         Ok(())
     }
 
-    /// Returns reasons if the arm is not at its commanded end.
+    /// Returns the reasons why the arm is not at its commanded end pose; empty if it is.
     fn deviation(&self, sent: SentPath, state: &State) -> Vec<Reason> {
         let (off_mm, off_deg, allowed_deg) = match sent.end {
             PathEndPose::Joints(end) => (0.0, state.joints.max_difference_deg(&end), MAX_AXIS_DEVIATION_DEG),
@@ -428,7 +429,8 @@ impl LoopMemory<'_> {
                 let camera = matches!(sent.motion.path, Path::Corner { .. });
                 let base = if camera { Some(Rigid::identity()) } else { self.perception.panel_pose().map(as_base) };
                 let Some(base_from_active) = base else {
-                    let message = "the panel's pose is not known, so that the arm's deviation from its path cannot be checked";
+                    let message = "the arm's deviation from its path cannot be checked, because the panel's pose is \
+                                   not known; locate the panel again";
                     return vec![Reason::new("deviation", message)];
                 };
                 let tip = base_from_active * state.base_from_tcp.to_rigid::<Base, Tool>();
@@ -452,8 +454,8 @@ impl LoopMemory<'_> {
     }
 }
 
-/// Converts the panel's pose to the type of a base: the panel's frame was set as the base, and the TCP is reported in
-/// it.
+/// Converts the panel's pose to the type of a base pose: the panel's frame was set as the base, and the TCP is reported
+/// in this frame.
 fn as_base(place: Rigid<Base, Panel>) -> Rigid<Base, Base> {
     Rigid::from_isometry_unchecked(*place.isometry())
 }
@@ -462,7 +464,7 @@ fn move_j(joints: Joints) -> Command {
     Command::MoveJ(MoveJ { joints, axis_speed_percent: f64::from(AXIS_SPEED_PERCENT) })
 }
 
-/// Converts a path's motions to commands.
+/// Converts the motions of a path to commands.
 pub(super) fn move_lin(motions: &[LinearMotion]) -> Vec<MoveLin> {
     let command = |motion: &LinearMotion| {
         let LinearMotion { pose, blend_mm, contact, speed_m_s } = *motion;
@@ -471,7 +473,7 @@ pub(super) fn move_lin(motions: &[LinearMotion]) -> Vec<MoveLin> {
     motions.iter().map(command).collect()
 }
 
-/// Converts a path's speeds to a command.
+/// Converts the speeds of a path to a command.
 pub(super) fn speed_command(PathSpeed { speed_m_s, acceleration_m_s2 }: PathSpeed) -> SetAccSpeed {
     let (axis_speed_percent, axis_acceleration_percent) = (AXIS_SPEED_PERCENT, AXIS_SPEED_PERCENT);
     SetAccSpeed { speed_m_s, acceleration_m_s2, axis_speed_percent, axis_acceleration_percent }

@@ -1,11 +1,12 @@
-//! Transfer of the cell's records to the office: a separate thread reads the data that the store has for the office,
-//! sends it to the broker, and asks which data the office has. Nothing in the cell waits for this thread, and no answer
-//! of the office changes what the cell does: data are only sent again, or an alarm is raised.
+//! Transfer of the cell's records to the office server. A separate thread reads the records that the store has queued
+//! for the office server, sends them to the broker, and requests which records have arrived. Nothing in the cell waits
+//! for this thread, and no answer of the office server changes what the cell does: records are only sent again, or an
+//! alarm is raised.
 //!
-//! [`OfficeStatus`] is the status for people, and `StateReporter` determines the state of the cell that the office
-//! receives. `MissingRecords` decides when a record that the office does not have, although the broker accepted it, is
-//! sent again. In one round, `Sender` sends new records to the broker and receives the office's answer; the progress is
-//! stored in the store's folder (`transfer`).
+//! [`OfficeStatus`] is the status for people, and `StateReporter` determines the state of the cell for the office
+//! server. `MissingRecords` decides when a record is sent again that is missing in the archive although the broker
+//! acknowledged it. In one round, `Sender` sends new records to the broker and receives the answers of the office
+//! server; the progress is stored in the store's folder (`transfer`).
 
 use super::background::{Background, Plan, Rounds};
 use super::clock::now_unix_ms;
@@ -29,7 +30,7 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-/// The thread that sends to the office; it ends when this is dropped.
+/// The thread that sends to the office server; dropping this value ends the thread.
 #[derive(Debug)]
 pub struct OfficeSender {
     _background: Background,
@@ -39,11 +40,11 @@ impl OfficeSender {
     /// Starts the sender.
     ///
     /// # Errors
-    /// If the system provides no thread.
+    /// If the operating system cannot start a thread.
     pub fn start(parts: OfficeParts) -> std::io::Result<Self> {
         let plan = Plan {
             name: "office",
-            task: "the transfer of records to the office",
+            task: "the transfer of records to the office server",
             blocking_threads: 2,
             stack_bytes: None,
         };
@@ -51,33 +52,33 @@ impl OfficeSender {
     }
 }
 
-/// The parts that the sender needs.
+/// The parts of the service that the sender needs.
 pub struct OfficeParts {
     /// The `[office]` table of the cell's file.
     pub office: Office,
     /// The store's folder.
     pub folder: PathBuf,
-    /// The interfaces' context, which provides the state to report; `None` if no service runs.
+    /// The shared parts of the interfaces, which provide the state to report; `None` if no service runs.
     pub front: Option<InterfaceContext>,
-    /// The status that is shown to people.
+    /// The status of the transfer that is shown to people.
     pub status: OfficeStatus,
 }
 
 const ALARM_TEXTS: (&str, &str) =
-    ("records have not reached the office", "the archive does not accept the records");
+    ("records have not reached the office server", "the archive does not accept the records");
 
-/// The status; all clones share the same one.
+/// The status of the transfer. Clones share the same status.
 #[derive(Debug, Clone, Default)]
 pub struct OfficeStatus(Arc<Mutex<StatusData>>);
 
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 struct StatusData {
-    /// The records that the office does not have yet.
+    /// The records that the office server does not have yet.
     waiting: TransferBacklog,
-    /// Epochs of which the office has more records than the store ever had: epoch, the office's last record number, the
-    /// store's last record number.
+    /// Epochs of which the office server has more records than the store ever had: name of the epoch, last record
+    /// number of the office server, last record number of the store.
     newer_epochs: Vec<(String, u64, u64)>,
-    /// The recipes that the office offers.
+    /// The recipes that the office server offers.
     offers: Vec<RecipeOffer>,
 }
 
@@ -86,7 +87,7 @@ impl OfficeStatus {
         change(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
-    /// Records the present problem, if any; returns whether it is reported for the first time.
+    /// Records the present problem, if any; returns whether the problem is new.
     fn record_problem(&self, problem: Option<&str>) -> bool {
         self.change(|stands| stands.waiting.record_problem(problem))
     }
@@ -103,21 +104,21 @@ impl OfficeStatus {
         self.change(|stands| stands.offers = offers);
     }
 
-    /// Returns the recipe that the office last offered for this panel.
+    /// Returns the newest recipe that the office server offered for this panel.
     pub fn recipe_offer(&self, panel: &str) -> Option<RecipeOffer> {
         self.change(|stands| stands.offers.iter().find(|offer| offer.panel == panel).cloned())
     }
 
-    /// Returns the problems for the alarms between cycles: a record that has waited longer than `behind_min`, and an
-    /// office that has more records than the cell.
+    /// Returns the problems for the alarms between cycles: a record that has waited longer than `behind_min` minutes,
+    /// and an office server that has more records than the cell.
     pub fn reasons(&self, behind_min: usize, now_unix_ms: i64) -> Vec<Reason> {
         let StatusData { waiting, newer_epochs: more, offers: _ } = self.change(|stands| stands.clone());
         let late = waiting.overdue_text(behind_min, now_unix_ms, ALARM_TEXTS);
         let mut reasons: Vec<Reason> = late.into_iter().map(|words| Reason::new("office_behind", words)).collect();
         for (epoch, office, store) in more {
             let words = format!(
-                "the office has {office} records of epoch {epoch}, but the store of this cell has {store}: the \
-                 store was rolled back, or another cell has the same name"
+                "the office server has {office} records of epoch {epoch}, but the store of this cell has {store}: \
+                 the store was rolled back, or another cell has the same name"
             );
             reasons.push(Reason::new("office_contradicts", words));
         }
@@ -125,9 +126,9 @@ impl OfficeStatus {
     }
 }
 
-/// Shortest time between two reports of the state.
+/// Minimum interval between two reports of the state.
 const MIN_REPORT_INTERVAL: Duration = Duration::from_secs(2);
-/// Interval at which alarms are read.
+/// Interval at which the active alarms are read.
 const ALARM_POLL_INTERVAL: Duration = Duration::from_secs(5);
 
 /// Determines the state of the cell for each report.
@@ -167,7 +168,7 @@ impl StateReporter {
         (state.cycle, state.waypoint) = (reply.cycle_id, reply.waypoint.zip(reply.of).map(|(at, of)| [at, of]));
         let reason = |reason: Reason| ReasonText { code: reason.code.into_owned(), message: reason.message };
         state.reasons = reply.reasons.into_iter().map(reason).collect();
-        // A reason for which a cycle waits is also an alarm, so it is not reported twice.
+        // A reason for which a cycle waits is also an alarm; it is reported only once.
         state.standing =
             self.lasting_alarms.iter().filter(|reported| !state.reasons.contains(reported)).cloned().collect();
         state.last = last.to_vec();
@@ -175,12 +176,12 @@ impl StateReporter {
     }
 }
 
-/// Returns the active alarms that a person must know. Runs on the calling thread, which may wait for a camera or the
-/// disk.
+/// Returns the active alarms that a person must know. The call blocks while it waits for a camera or the disk.
 fn lasting_alarms(front: &InterfaceContext) -> Vec<ReasonText> {
     front.check_alarms();
     let lasting = front.people.read(|store| front.alarms.active_in_order(store)).unwrap_or_else(|error| {
-        tracing::warn!("the alarms cannot be reported to the office: {error}");
+        tracing::warn!("the alarms cannot be reported to the office server: {error}; they are reported again \
+                        automatically");
         Vec::new()
     });
     let is_told = |alarm: &Alarm| alarm.priority > Priority::Note;
@@ -194,11 +195,11 @@ fn lasting_alarms(front: &InterfaceContext) -> Vec<ReasonText> {
 /// A missing record is first sent again after the alarm's delay divided by this number; each further delay is twice as
 /// long.
 const FIRST_RETRY_DIVISOR: u32 = 6;
-/// The longest interval between two repetitions.
+/// Maximum interval between two repetitions.
 const MAX_RETRY_INTERVAL: Duration = Duration::from_secs(2 * 3_600);
 
-/// The time since when the office has received no further record of an epoch, although it lacks records; `None` if it
-/// lacks none.
+/// The last progress of the office server within an epoch while records are missing, and its time; `None` if no record
+/// is missing.
 #[derive(Debug, Clone, Copy, Default)]
 struct MissingRecords(Option<StalledSince>);
 
@@ -210,8 +211,8 @@ struct StalledSince {
 }
 
 impl MissingRecords {
-    /// Records whether the office lacks records, and the number up to which it has all of them. Returns whether the
-    /// next record must be sent again.
+    /// Updates the progress: whether the office server lacks records, and the number up to which it has all of them.
+    /// Returns whether the next record must be sent again.
     pub fn is_resend_due(&mut self, (lacks, archived): (bool, u64), behind_min: usize) -> bool {
         self.is_resend_due_at((lacks, archived), behind_min, Instant::now())
     }
@@ -234,21 +235,21 @@ impl MissingRecords {
     }
 }
 
-/// The file in the store's folder that records the position up to which the records were sent.
-const PROGRESS: &str = "office.json";
-/// Number of records that are read at a time.
+/// Name of the file in the store's folder that contains the position up to which the records were sent.
+const PROGRESS_FILE_NAME: &str = "office.json";
+/// Number of records that are read from the store at a time.
 const BATCH_RECORDS: usize = 200;
-/// Largest number of bytes that are being sent at the same time.
+/// Maximum number of bytes that are sent to the broker and not yet acknowledged.
 const MAX_IN_FLIGHT_BYTES: usize = 32 << 20;
-/// Largest number of files for which the sender remembers that it has sent them in this stream: most records name the
+/// Maximum number of files for which the sender remembers that they were sent on this connection: most records name the
 /// same recipe and calibrations.
-const MAX_FILES: usize = 50_000;
-/// Interval at which the office is queried.
+const MAX_REMEMBERED_FILES: usize = 50_000;
+/// Interval at which the office server is asked which records it has.
 const POLL_INTERVAL: Duration = Duration::from_secs(5);
-/// Interval at which offers of recipes are requested.
+/// Interval at which the offered recipes are requested.
 const OFFER_POLL_INTERVAL: Duration = Duration::from_secs(30);
 
-/// Sends the records and files of this cell to the office.
+/// Sends the records and files of this cell to the office server.
 struct Sender {
     office: Office,
     folder: PathBuf,
@@ -260,18 +261,18 @@ struct Sender {
     last_request: Option<Instant>,
     files: BTreeSet<String>,
     last_offer_request: Option<Instant>,
-    /// The time since when the office has lacked the same record of an epoch, although the broker accepted it.
+    /// For each epoch: since when the office server has missed the same record, although the broker acknowledged it.
     missing_records: BTreeMap<String, MissingRecords>,
 }
 
 impl Rounds for Sender {
-    /// Sends the new records, and requests the office's answers.
+    /// Sends the new records, and requests the answers of the office server.
     async fn run_round(&mut self) -> Result<bool, String> {
         let last = self.last_positions()?;
         let was = self.progress.clone();
         let sent = self.exchange_messages(&last).await;
         if self.progress != was {
-            transfer::write_progress(&self.folder, PROGRESS, &self.progress)?;
+            transfer::write_progress(&self.folder, PROGRESS_FILE_NAME, &self.progress)?;
         }
         self.update_status(&last)?;
         sent
@@ -295,7 +296,7 @@ impl Sender {
             folder: folder.clone(),
             status: status.clone(),
             state_reporter: front.clone().map(StateReporter::new),
-            progress: transfer::read_progress(folder, PROGRESS),
+            progress: transfer::read_progress(folder, PROGRESS_FILE_NAME),
             store: None,
             link: None,
             last_request: None,
@@ -312,7 +313,7 @@ impl Sender {
             let stream = link.stream().await.map_err(broken)?;
             self.progress.set_stream(&stream);
             self.files.clear();
-            tracing::info!("sending records to the office through the broker {}", self.office.broker.address);
+            tracing::info!("sending records to the office server through the broker {}", self.office.broker.address);
             self.link = Some(link);
         }
         let Some(link) = &self.link else { return Ok(false) };
@@ -338,8 +339,8 @@ impl Sender {
         Ok(false)
     }
 
-    /// Requests the recipes that the office offers for the panels taught in this cell. If an offer cannot be obtained,
-    /// it is requested again later.
+    /// Requests the recipes that the office server offers for the panels taught in this cell. If a request fails, it is
+    /// repeated later.
     async fn request_offers(&mut self) {
         if self.last_offer_request.is_some_and(|offered| offered.elapsed() < OFFER_POLL_INTERVAL) {
             return;
@@ -361,22 +362,22 @@ impl Sender {
         if self.store.is_none() {
             self.store = Some(Store::open(&self.folder).map_err(|error| error.to_string())?);
         }
-        self.store.as_ref().ok_or_else(|| "the store is closed".to_owned())
+        self.store.as_ref().ok_or_else(|| "the store is closed: restart the service".to_owned())
     }
 
     fn last_positions(&mut self) -> Result<Vec<Position>, String> {
         self.store()?.outbox_epochs().map_err(|error| error.to_string())
     }
 
-    /// Requests the numbers of the records that the office has of each epoch. Missing records are sent again.
+    /// For each epoch, requests up to which number the office server has the records. Missing records are sent again.
     async fn request_positions(&mut self, last: &[Position]) -> Result<(), String> {
         let Some(link) = &self.link else { return Ok(()) };
         let stream = link.stream().await.map_err(|error| error.to_string())?;
         self.progress.set_stream(&stream);
         let (mut more, mut again) = (Vec::new(), Vec::new());
         for last in last {
-            // An office that never answered for an epoch has no records of it: it may be a different office than
-            // before.
+            // If the office server never answered for an epoch, it has no records of this epoch: it may be a new office
+            // server.
             let archived = link.archived_number(&last.epoch).await.map_err(|error| error.to_string())?.unwrap_or(0);
             match self.progress.process_archived(&last.epoch, archived, last.number) {
                 ReportOutcome::Known => {
@@ -393,8 +394,8 @@ impl Sender {
                 ReportOutcome::HasLess => {
                     self.files.clear();
                     tracing::warn!(
-                        "the office has only the records up to {archived} of epoch {}: the later records are sent \
-                         again",
+                        "the office server has only the records up to {archived} of epoch {}: the later records are \
+                         sent again",
                         last.epoch
                     );
                 }
@@ -409,7 +410,7 @@ impl Sender {
         Ok(())
     }
 
-    /// Sends some records after this position, each record after its files, and waits until the broker has received
+    /// Sends some records after this position, each record after its files, and waits until the broker has acknowledged
     /// them.
     async fn send(&mut self, after: &Position) -> Result<(), String> {
         let envelopes = self.store()?.outbox_rows_after(after, BATCH_RECORDS).map_err(|error| error.to_string())?;
@@ -448,7 +449,7 @@ impl Sender {
         let mut whole: Vec<(ChunkOwner, Vec<u8>)> = Vec::new();
         if let Body::Signature { files, .. } = &mut envelope.body {
             for file in files.iter_mut().filter(|file| file.gone.is_none()) {
-                if self.files.len() >= MAX_FILES {
+                if self.files.len() >= MAX_REMEMBERED_FILES {
                     self.files.clear();
                 }
                 if self.files.contains(&file.hash) {
@@ -459,9 +460,10 @@ impl Sender {
                         self.files.insert(file.hash.clone());
                         whole.push((ChunkOwner::File(file.hash.clone()), content));
                     }
-                    // The message states that the file is missing, so the office does not wait for it.
+                    // The message states that the file is missing, so that the office server does not wait for the
+                    // file.
                     Err(error) => {
-                        tracing::warn!("cannot send the file {} to the office: {error}", file.name);
+                        tracing::warn!("cannot send the file {} to the office server: {error}", file.name);
                         file.gone = Some("damaged in the cell's store".to_owned());
                     }
                 }
@@ -471,7 +473,8 @@ impl Sender {
         let message = Message { cell: cell.clone(), envelope };
         let message = message.bytes().map_err(|error| error.to_string())?;
         whole.push((ChunkOwner::Message(position), message));
-        let link = self.link.as_ref().ok_or_else(|| "the connection is lost".to_owned())?;
+        let link = self.link.as_ref().ok_or_else(|| "the connection to the broker is lost; it is opened again \
+                                                     automatically".to_owned())?;
         let mut sending = Vec::new();
         for (what, content) in whole {
             *bytes += content.len();
@@ -484,13 +487,13 @@ impl Sender {
         Ok(sending)
     }
 
-    /// Sends the first records that the office lacks once more, with their files: the broker may have lost them after
-    /// it accepted them.
+    /// Sends the first missing records once more, with their files: the broker may have lost them after it acknowledged
+    /// them.
     async fn resend_missing(&mut self, epoch: &str) -> Result<(), String> {
         let archived = Position { epoch: epoch.to_owned(), number: self.progress.last_archived(epoch) };
         tracing::warn!(
-            "the office still has only the records up to {} of epoch {epoch}: some of the following records are \
-             sent again",
+            "the office server still has only the records up to {} of epoch {epoch}: some of the following records \
+             are sent again",
             archived.number
         );
         self.progress.restart_sending();
@@ -538,8 +541,8 @@ mod tests {
         assert_eq!(late(&status)[0].code, "office_contradicts");
     }
 
-    /// With an alarm after 60 min, a record is sent again after 10 min, after 20 min more and after 40 min more; the
-    /// delays begin again when the office makes progress.
+    /// Expected intervals: with an alarm after 60 min, a record is sent again after 10 min, after 20 min more and after
+    /// 40 min more. The intervals begin again when further records arrive at the office server.
     #[test]
     fn a_missing_record_is_resent_at_increasing_intervals() {
         let (mut lacking, begin) = (MissingRecords::default(), Instant::now());

@@ -1,11 +1,11 @@
-//! States, refusals and causes in words for the people at the cell: the situation, and what to do.
+//! Texts for the people at the cell about states, refusals and causes: the situation, and what to do.
 
 use panelprep_base::verdict::Reason;
 use panelprep_cell::cycle::{
     At, Cause, Epoch, Event, Hold, Refusal, Report, Request, Robot, State, Trouble, Why, step,
 };
 
-/// Returns the word for this request in `panelprep ctl`.
+/// Returns the word of `panelprep ctl` for this request.
 pub fn request_keyword(request: Request) -> &'static str {
     match request {
         Request::Reset => "reset",
@@ -20,7 +20,7 @@ pub fn request_keyword(request: Request) -> &'static str {
     }
 }
 
-/// Returns the command of `panelprep ctl` that requests this.
+/// Returns the complete command of `panelprep ctl` for this request.
 pub fn command(request: Request) -> &'static str {
     match request {
         Request::Unhold { dried: true } => "unhold --dried",
@@ -28,23 +28,22 @@ pub fn command(request: Request) -> &'static str {
     }
 }
 
-/// Returns the reason for refusing a decision that does not state the step on which it was made.
+/// Returns the reason to refuse a decision that does not contain the number of the step to which it refers.
 pub(super) fn missing_step_reason(request: Request) -> Reason {
     let message = format!(
-        "{} must state the step on which it was decided, but states none; read the state, then repeat the request \
-         with the step number from the state",
+        "{} does not contain the number of the step to which it refers; read the state, then repeat the request with \
+         the step number from the state",
         command(request)
     );
     Reason::new("bad_request", message)
 }
 
-/// Returns why a decision on this step is not accepted now. `was` is the description of this step as it was shown, if
-/// it is known.
+/// Returns the reason why a decision on an earlier step is not accepted now. `was` is the description of that step as
+/// it was shown, if it is known.
 pub(super) fn outdated_step_reason(request: Request, (step, was): (u64, Option<&str>), now: &State) -> Reason {
-    let was = was.unwrap_or("a state unknown to this service");
+    let was = was.unwrap_or("a state that this service does not know");
     let message = format!(
-        "{} was decided on step {step} ({was}), but the cell is now at step {} ({}); read the state and decide \
-         again",
+        "{} refers to step {step} ({was}), but the cell is now at step {} ({}); read the state and decide again",
         command(request),
         now.step,
         describe_step(now)
@@ -70,8 +69,8 @@ pub(super) fn describe_place(at: At) -> String {
     }
 }
 
-/// Returns the commands of the requests that the state table would accept now. The buttons of the page, the nodes of
-/// the plant and the text of a refusal use the same list.
+/// Returns the words of the requests that the state table would accept now. The buttons of the page, the nodes of the
+/// plant and the text of a refusal use this list.
 pub(super) fn possible_requests(state: &State) -> Vec<&'static str> {
     let all = [
         Request::Reset,
@@ -92,7 +91,7 @@ pub(super) fn possible_requests(state: &State) -> Vec<&'static str> {
     all.into_iter().filter(taken).map(command).collect()
 }
 
-/// Returns why a request is refused in this state.
+/// Returns the reason why a request is refused in this state.
 pub fn refusal(request: Request, refusal: Refusal, state: &State) -> Reason {
     let word = request_keyword(request);
     let possible = || match possible_requests(state) {
@@ -105,12 +104,12 @@ pub fn refusal(request: Request, refusal: Refusal, state: &State) -> Reason {
             Reason::new("not_now", message)
         }
         Refusal::Robot(condition) => {
-            let robot = robot(condition);
+            let robot = robot_reason(condition);
             Reason { message: format!("{word} needs a robot that is ready: {}", robot.message), ..robot }
         }
         Refusal::Review if matches!(state.at, At::Held(hold) if hold.is_for_contact()) => {
-            let message = "held for review of the tool's work: read the finding, then accept the result or stop \
-                           the cycle. Drying the panel does not undo an abrasion";
+            let message = "held for review of the tool's work: read the finding, then accept the result or stop the \
+                           cycle. Drying the panel does not undo the sanding";
             Reason::new("review", message)
         }
         Refusal::Review => {
@@ -119,8 +118,8 @@ pub fn refusal(request: Request, refusal: Refusal, state: &State) -> Reason {
             Reason::new("review", message)
         }
         Refusal::Undried => {
-            let message = "held until the panel is dry: dry the panel, then run `unhold --dried`; the cycle \
-                           locates the panel and takes the new dry picture";
+            let message = "held until the panel is dry: dry the panel, then run `unhold --dried`; the cycle then \
+                           locates the panel and captures a new dry picture";
             Reason::new("drying", message)
         }
         Refusal::Failed(what) => {
@@ -130,15 +129,17 @@ pub fn refusal(request: Request, refusal: Refusal, state: &State) -> Reason {
     }
 }
 
-/// Returns the reason that describes the robot's condition, for example why it is not ready.
-pub(super) fn robot(robot: Robot) -> Reason {
+/// Returns the reason that describes the condition of the robot, for example why it is not ready.
+pub(super) fn robot_reason(robot: Robot) -> Reason {
     let (code, message) = match robot {
-        Robot::Unknown => ("robot_unknown", "nothing was received from the robot controller yet"),
+        Robot::Unknown => ("robot_unknown", "no message was received from the robot controller yet; check its cable, \
+                                             address and program"),
         Robot::Ready => ("robot_ready", "the robot is ready"),
         Robot::LinkLost => {
             ("link_lost", "no connection to the robot controller; check its cable, address and program")
         }
-        Robot::Restarted => ("robot_restarted", "the robot controller or its program was restarted"),
+        Robot::Restarted => ("robot_restarted", "the robot controller or its program was restarted; wait until it is \
+                                                 ready"),
         Robot::EmergencyStop => {
             ("emergency_stop", "an emergency stop is pressed; with the drives off the arm does not retract")
         }
@@ -156,8 +157,8 @@ pub(super) fn robot(robot: Robot) -> Reason {
 
 pub(super) fn trouble_reason(trouble: Trouble) -> Reason {
     let (code, message) = match trouble {
-        Trouble::Camera => ("camera", "a camera gave no picture"),
-        Trouble::Picture => ("picture", "the pictures of a camera cannot be used"),
+        Trouble::Camera => ("camera", "a camera delivered no picture; check its cable and power"),
+        Trouble::Picture => ("picture", "the pictures of a camera cannot be used; read the finding for the reason"),
         Trouble::Computing => ("computing", "a computation failed"),
         Trouble::Feedback => {
             ("feedback", "a feedback differs from its expected state: tool, extraction, water, lens or light")
@@ -167,13 +168,13 @@ pub(super) fn trouble_reason(trouble: Trouble) -> Reason {
             "compliant tool fault; the arm keeps the tool off the panel. Read the finding of this fault, then run \
              `panelprep doctor`",
         ),
-        Trouble::Starved => ("starved", "the robot ran out of waypoints"),
+        Trouble::Starved => ("starved", "the robot stopped on its path, because further waypoints arrived too late"),
         Trouble::Override => (
             "override",
             "contact requires an override of 100 %, but the controller's override is different or was changed",
         ),
-        Trouble::Slow => ("slow", "the robot is far behind its planned motion"),
-        Trouble::Gate => ("gate", "a path did not pass the gate and was not sent"),
+        Trouble::Slow => ("slow", "the robot is far behind its planned motion; check its override and its messages"),
+        Trouble::Gate => ("gate", "a path failed a check and was not sent; read the finding for the reason"),
         Trouble::Refused => ("refused", "the robot refused a command, or the command could not be sent"),
         Trouble::Short => ("short", "the robot stopped before the end of its path"),
         Trouble::Sequence => ("sequence", "the robot acknowledged commands out of order"),
@@ -181,18 +182,18 @@ pub(super) fn trouble_reason(trouble: Trouble) -> Reason {
         Trouble::Deviation => ("deviation", "the arm is not at its commanded position"),
         Trouble::Store => ("store", "the store cannot be written, or its disk is full"),
         Trouble::DiskFull => ("disk_full", "the store's disk is full; `panelprep ctl state` lists what to delete"),
-        Trouble::Late => ("late", "a response was not received before its deadline"),
-        Trouble::Unexpected => ("unexpected", "a response does not match its request"),
+        Trouble::Late => ("late", "a device did not respond before its deadline; read the finding for the device"),
+        Trouble::Unexpected => ("unexpected", "a device sent a response that does not match the request"),
     };
     Reason::new(code, message)
 }
 
-/// Returns the reason for a cycle that was ended on request: this is not a fault, and the cell need not be cleared.
+/// Returns the reason for a cycle that was ended on request: this is not a fault, and no Clear is needed.
 pub(super) fn stopped_reason() -> Reason {
     Reason::new("stopped", "stopped on request before the cycle's end")
 }
 
-/// Returns why this event ended a cycle, if the cycle did not complete. `at` is the resulting state.
+/// Returns the reason why this event ended an incomplete cycle. `at` is the state after the event.
 pub(super) fn end_reason(event: Event, at: At) -> Option<Reason> {
     match (event, at) {
         (Event::Reported(Report::Boot), _) => {
@@ -204,18 +205,19 @@ pub(super) fn end_reason(event: Event, at: At) -> Option<Reason> {
     }
 }
 
-/// Returns why the cycle is in this state, if that is not obvious, with the remedy, and which devices may still run or
-/// move.
+/// Returns the reasons why the cycle is in this state, unless this is obvious, with the remedy, and with the devices
+/// that may still run or move.
 pub fn state_reason(state: &State) -> Vec<Reason> {
     let why = match state.at {
-        At::Aborting { cause } | At::Aborted { cause } | At::Clearing { cause } => Some(aborted(cause)),
+        At::Aborting { cause } | At::Aborted { cause } | At::Clearing { cause } => Some(abort_reason(cause)),
         At::Held(hold) | At::Holding(hold) => Some(hold_reason(hold)),
         _ => None,
     };
     why.into_iter().chain(unproven_commands(state)).collect()
 }
 
-/// Returns reasons for the commands that were sent before the robot came to rest here, and that it has not confirmed.
+/// Returns one reason for each command that was sent before the robot came to rest here, and that the robot has not
+/// confirmed.
 fn unproven_commands(state: &State) -> Vec<Reason> {
     let At::Aborted { .. } = state.at else { return vec![] };
     let mut reasons = Vec::new();
@@ -240,7 +242,7 @@ fn unproven_commands(state: &State) -> Vec<Reason> {
 fn cause_reason(cause: Cause) -> Reason {
     match cause {
         Cause::Asked => Reason::new("asked", "an abort was requested"),
-        Cause::Robot(condition) => robot(condition),
+        Cause::Robot(condition) => robot_reason(condition),
         Cause::Trouble(what) => trouble_reason(what),
         Cause::StopTimedOut => Reason::new("stop_timed_out", "the stop took longer than [limits] stop_deadline_s"),
         Cause::Interrupted => Reason::new(
@@ -249,21 +251,21 @@ fn cause_reason(cause: Cause) -> Reason {
                                                           finished",
         ),
         Cause::StoreChanged => {
-            let message = "the store differs from what this program wrote, and the last actions of the cell may be \
+            let message = "the store was changed by another program, and the last actions of the cell may be \
                            unknown; run `panelprep store verify` to list the differences";
             Reason::new("store_changed", message)
         }
         Cause::StoreRestored => {
-            let message = "the store was restored from a backup and does not contain the work of the cell after \
-                           that backup. A part that was in the cell may have been abraded more often than \
-                           recorded; take such parts out, or let an inspector decide";
+            let message = "the store was restored from a backup and does not contain the work of the cell after that \
+                           backup. A part that was in the cell may have been sanded more often than recorded; take \
+                           such parts out, or let an inspector decide";
             Reason::new("store_restored", message)
         }
         Cause::OutputsOn => Reason::new("outputs_on", "the program ended while the tool or the water was on"),
     }
 }
 
-fn aborted(cause: Cause) -> Reason {
+fn abort_reason(cause: Cause) -> Reason {
     let because = cause_reason(cause);
     let message = format!(
         "aborted: {}; look at the cell, jog the pad off the panel if the pad touches it, then run `panelprep ctl \
@@ -294,11 +296,11 @@ fn hold_reason(hold: Hold) -> Reason {
         ),
         Why::Drying => Reason::new(
             "drying",
-            "held: the recipe requires a new dry picture after sanding; dry the panel, then take the picture with \
+            "held: the recipe requires a new dry picture after sanding; dry the panel, then capture the picture with \
              `panelprep ctl unhold --dried`",
         ),
         Why::TokenOver => {
-            Reason::new("token_over", format!("held: the localization became too old in contact; {next}"))
+            Reason::new("token_over", format!("held: the localization became too old during contact; {next}"))
         }
         Why::Trouble(what) => {
             let mended = trouble_reason(what);
@@ -327,7 +329,7 @@ mod tests {
         );
     }
 
-    /// Drying is not offered as a remedy if the result of the tool's work waits for a person's review.
+    /// "Dry the panel" is not offered if the result of the tool's work waits for a person's review.
     #[test]
     fn a_review_of_contact_offers_accept_and_stop_alone() {
         let at = |resume| At::Held(Hold { why: Why::Review, resume });

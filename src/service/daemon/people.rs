@@ -1,13 +1,13 @@
-//! The people who log in, for every interface that has a log-in: their accounts, the pause after wrong passwords, and
-//! the audit trail.
+//! The people who log in, for every interface with a log-in: their accounts, the temporary lock after wrong passwords,
+//! and the audit trail.
 //!
 //! One instance serves all interfaces, so that the attempts of a person at two interfaces are counted together. It
-//! reads and writes the store through its own connections; no part of the loop waits for it. Passwords are hashed one
-//! at a time.
+//! reads and writes the store through its own connections; the loop never waits for it. Passwords are hashed one at a
+//! time.
 //!
-//! [`FailedLogins`] limits the lines about failed log-ins, at the cell and at the office: if there are many, only some
-//! of them have a line, and the number of the others is written when the minute is over, even if no other log-in
-//! follows.
+//! [`FailedLogins`] limits the entries about failed log-ins, in the cell and in the office server. If there are many in
+//! one minute, only some of them get an entry. The number of the others is written at the end of the minute, even if no
+//! other log-in follows.
 
 use panelprep_cell::accounts;
 use panelprep_cell::accounts::{Account, AuditEntry, LineLimit, Lockout, MaxLinesPerMinute};
@@ -19,34 +19,34 @@ use std::thread;
 use std::time::{Duration, Instant};
 use tokio::sync::{Semaphore, oneshot};
 
-/// The result of a log-in with a name and a password.
+/// The result of a log-in attempt with a name and a password.
 #[derive(Debug, Clone, PartialEq)]
 pub enum LoginResult {
     /// Name and password are correct.
     Right(Account),
     /// The name or the password is wrong, or the account is disabled; the text is for the audit trail.
     Wrong(&'static str),
-    /// Log-in to the account is blocked for this many more seconds. The password was not checked.
+    /// Log-ins to the account are blocked for this number of seconds. The password was not checked.
     Pauses(f64),
     /// The name does not have the form of an account name, or the program is ending.
     Unknown,
 }
 
-/// Identifies an account during one of its sessions: the stamp changes if the account gets another role or a new
-/// password, or is disabled.
+/// Returns a stamp that identifies the present state of an account: it changes if the account gets another role or a
+/// new password, or is disabled.
 pub(super) fn account_stamp(account: &Account) -> String {
     let Account { role, password_hash, is_enabled, .. } = account;
     let digest = content_hash(format!("{}\n{is_enabled}\n{password_hash}", role.keyword()).as_bytes());
     digest.chars().take(16).collect()
 }
 
-/// The accounts, log-in pauses and audit trail of one store.
+/// The accounts, temporary locks and audit trail of one store.
 #[derive(Debug)]
 pub struct AccountService {
     store: StoreAccess,
     hashing: PasswordHashing,
     lockout: Mutex<Lockout>,
-    /// The limit of lines about failed log-ins in the audit trail.
+    /// Limits the number of entries about failed log-ins in the audit trail.
     failed_logins: FailedLogins,
     started: Instant,
 }
@@ -70,16 +70,16 @@ impl AccountService {
 
     /// Locks the recent attempts with wrong passwords.
     fn lock_lockout(&self) -> MutexGuard<'_, Lockout> {
-        // A poisoned lock is harmless: every change under it is complete.
+        // A poisoned lock is harmless, because every change under this lock is complete.
         self.lockout.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Returns the remaining seconds for which this account's log-in is blocked after wrong passwords.
+    /// Returns the remaining time for which log-ins to this account are blocked after wrong passwords, s.
     pub fn pauses_s(&self, name: &str) -> Option<f64> {
         self.lock_lockout().pauses_s((name, true), self.now_s())
     }
 
-    /// Reads the store on the calling thread, which may wait for the disk.
+    /// Opens the store and reads from it. The call blocks while it waits for the disk.
     ///
     /// # Errors
     /// If the store cannot be opened or read.
@@ -87,7 +87,7 @@ impl AccountService {
         self.store.read(read)
     }
 
-    /// Writes a row on the calling thread, which may wait for the disk; no cycle waits for such a row.
+    /// Opens the store and writes to it. The call blocks while it waits for the disk; no cycle waits for it.
     ///
     /// # Errors
     /// If the store cannot be opened or written.
@@ -95,16 +95,17 @@ impl AccountService {
         self.store.write(write)
     }
 
-    /// Writes a line of the audit trail; if the disk cannot be written, the line is written to the service's log.
+    /// Adds an entry to the audit trail; if the disk cannot be written, the entry is written to the service's log.
     pub fn audit(&self, entry: &AuditEntry) {
         if let Err(error) = self.write(|store| store.store_audit(entry)) {
-            let (what, who) = (&entry.what, entry.who.as_deref().unwrap_or("a person who is not logged in"));
+            let (what, who) = (&entry.what, entry.who.as_deref().unwrap_or("an unknown person who is not logged in"));
             tracing::warn!("the audit trail could not be written: {error}; lost entry: {what} by {who}");
         }
     }
 
-    /// Writes a line about a failed log-in, or only counts it if there are many, so that attempts do not fill the disk.
-    /// The number of failed log-ins without a line is written when the minute is over. Runs on the calling thread.
+    /// Adds an entry about a failed log-in to the audit trail. If there are many, they are only counted, so that they
+    /// do not fill the disk, and their number is written at the end of the minute. The call blocks while it waits for
+    /// the disk.
     pub fn audit_failed_login(self: &Arc<Self>, entry: &AuditEntry) {
         let counted = self.failed_logins.count();
         if let Some(left_out) = counted.left_out {
@@ -118,8 +119,8 @@ impl AccountService {
         }
     }
 
-    /// Waits for this time on a separate thread, then writes the number of failed log-ins without a line. At most one
-    /// such thread waits for each minute.
+    /// Starts a thread that waits for this time and then writes the number of failed log-ins without an entry. At most
+    /// one such thread is started per minute.
     fn report_left_out_later(self: &Arc<Self>, after: Duration, last: AuditEntry) {
         let people = Arc::downgrade(self);
         let wait = move || {
@@ -130,7 +131,8 @@ impl AccountService {
             }
         };
         if let Err(error) = thread::Builder::new().name("log-ins".to_owned()).spawn(wait) {
-            tracing::warn!("the number of wrong log-ins is written only with the next wrong one: {error}");
+            tracing::warn!("the number of failed log-ins could not be stored: {error}; it is stored with the next \
+                            failed log-in");
         }
     }
 
@@ -138,15 +140,16 @@ impl AccountService {
         match self.read(|store| store.accounts()) {
             Ok(mut accounts) => accounts.remove(name),
             Err(error) => {
-                tracing::warn!("log-in is not possible, because the accounts cannot be read: {error}");
+                tracing::warn!("log-in is not possible, because the accounts cannot be read: {error}; check the disk \
+                                and the store");
                 None
             }
         }
     }
 
-    /// Checks a name and a password, and counts a wrong password. The computation takes a while on the calling thread.
-    /// Call it only within [`AccountService::hashing`], so that each attempt takes the results of earlier attempts into
-    /// account.
+    /// Checks a name and a password, and counts a wrong password. The call blocks during the computation, which is
+    /// slow. Call it only within [`AccountService::hashing`], so that each attempt takes the results of earlier
+    /// attempts into account.
     pub fn check_password(&self, name: &str, password: &str) -> LoginResult {
         let account = self.account(name);
         let who = (name, account.is_some());
@@ -167,17 +170,17 @@ impl AccountService {
         }
     }
 
-    /// Runs work with passwords, one piece at a time.
+    /// Runs work with passwords, one task at a time.
     pub async fn hashing<T: Send + 'static>(&self, work: impl FnOnce() -> T + Send + 'static) -> Option<T> {
         self.hashing.run(work).await
     }
 
-    /// Checks a name and a password when it is their turn, and counts a wrong password.
+    /// Checks a name and a password after earlier attempts have been checked, and counts a wrong password.
     pub async fn attempt_login(self: &Arc<Self>, name: &str, password: String) -> LoginResult {
         if accounts::checked_name(name).is_err() {
             return LoginResult::Unknown;
         }
-        // An attempt for an account whose log-in is blocked does not delay the attempts of others.
+        // An attempt for a locked account does not delay the attempts of other people.
         if let Some(left_s) = self.pauses_s(name) {
             return LoginResult::Pauses(left_s);
         }
@@ -186,13 +189,13 @@ impl AccountService {
     }
 }
 
-/// Returns the line that states the number of failed log-ins without a line of their own; `last` was one of them.
+/// Returns the entry with the number of failed log-ins that have no entry; `last` is the last of them.
 fn left_out_line(left_out: u64, last: &AuditEntry) -> AuditEntry {
     let line = AuditEntry::for_completed_action(None, None, last.from.clone(), &last.what);
     AuditEntry { refused: Some(left_out_text(left_out)), ..line }
 }
 
-/// Limits the work with passwords to one at a time; the others wait here for their turn.
+/// Runs work with passwords, one task at a time; further tasks wait.
 #[derive(Debug)]
 pub(super) struct PasswordHashing(Semaphore);
 
@@ -203,8 +206,8 @@ impl Default for PasswordHashing {
 }
 
 impl PasswordHashing {
-    /// Runs work with passwords, one piece at a time, on a thread that ends with the work. A hash needs 19 MiB and most
-    /// of the time of a processor, and a thread that stays alive would retain this memory. Returns `None` if the
+    /// Runs a task with passwords after all earlier ones, on a new thread that ends with the task. A hash needs 19 MiB
+    /// and most of the time of a processor, and a thread that stays alive would keep this memory. Returns `None` if the
     /// program ends.
     pub async fn run<T: Send + 'static>(&self, work: impl FnOnce() -> T + Send + 'static) -> Option<T> {
         let _turn = self.0.acquire().await.ok()?;
@@ -215,29 +218,29 @@ impl PasswordHashing {
     }
 }
 
-/// Maximum number of failed log-ins per minute that have their own line.
+/// Maximum number of failed log-ins per minute that get an entry.
 const MAX_LINES: MaxLinesPerMinute = MaxLinesPerMinute { done: 0, refused: 20 };
 
-/// The failed log-ins of this minute.
+/// Counts the failed log-ins of the present minute.
 #[derive(Debug)]
 pub(super) struct FailedLogins {
     lines: Mutex<LineLimit>,
     begun: Instant,
 }
 
-/// The consequences of a failed log-in for the audit trail.
+/// What must be written to the audit trail after a failed log-in.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Counted {
-    /// Number of lines that were left out in the minute before, to be written first.
+    /// Number of failed log-ins without an entry in the minute before, to be written first.
     pub left_out: Option<u64>,
-    /// Whether this log-in has its own line.
+    /// Whether this log-in gets an entry.
     pub is_written: bool,
-    /// Time after which [`FailedLogins::over`] must be called; `None` if a call is already due or not needed.
+    /// Time after which [`FailedLogins::over`] must be called; `None` if a call is already scheduled or not needed.
     pub report_after: Option<Duration>,
 }
 
 impl FailedLogins {
-    /// Creates a count without failed log-ins; the first minute began at this time.
+    /// Creates a counter without failed log-ins; its first minute begins at this time.
     pub fn new(begun: Instant) -> Self {
         FailedLogins { lines: Mutex::new(LineLimit::new(MAX_LINES, 0)), begun }
     }
@@ -247,7 +250,7 @@ impl FailedLogins {
         self.count_at(self.now_ms())
     }
 
-    /// Returns the number of lines that were left out in the last complete minute, if it was not yet returned.
+    /// Returns the number of failed log-ins without an entry in the last complete minute, if it was not yet returned.
     pub fn over(&self) -> Option<u64> {
         self.lines().end_elapsed_minute(self.now_ms())
     }
@@ -256,7 +259,7 @@ impl FailedLogins {
         let mut lines = self.lines();
         let left_out = lines.end_elapsed_minute(now_ms);
         let is_written = lines.admit_line(true);
-        // The first line that is left out requests the report of all that are left out in this minute.
+        // The first log-in without an entry schedules the report of all log-ins without an entry in this minute.
         let is_first = !is_written && lines.left_out() == 1;
         let report_after = is_first.then(|| Duration::from_millis(lines.remaining_ms(now_ms)));
         Counted { left_out, is_written, report_after }
@@ -267,17 +270,17 @@ impl FailedLogins {
     }
 
     fn lines(&self) -> MutexGuard<'_, LineLimit> {
-        // A poisoned lock is harmless: every change under it is complete.
+        // A poisoned lock is harmless, because every change under this lock is complete.
         self.lines.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-/// Describes the lines that were left out.
+/// Returns the text of an entry with the number of failed log-ins that have no entry.
 pub(super) fn left_out_text(left_out: u64) -> String {
-    format!("further wrong log-ins within a minute, without a line of their own: {left_out}")
+    format!("further failed log-ins within a minute that have no entry of their own: {left_out}")
 }
 
-/// Connections to the store in a folder.
+/// Connections to the store in a folder, for reading and writing.
 #[derive(Debug)]
 struct StoreAccess {
     folder: PathBuf,
@@ -314,7 +317,7 @@ impl StoreAccess {
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    // If a reader panicked, its connection is gone, and the next reader opens another.
+    // If a reader panicked, its connection is lost, and the next reader opens a new one.
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
@@ -322,7 +325,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 mod tests {
     use super::*;
 
-    /// Simultaneous attempts are checked one after the other, and the sixth one is not checked any more.
+    /// Six simultaneous attempts are checked one after the other; the account is locked before the sixth is checked.
     #[tokio::test]
     async fn the_sixth_of_six_simultaneous_wrong_passwords_is_not_checked() {
         let folder = tempfile::tempdir().expect("a folder");
@@ -341,8 +344,8 @@ mod tests {
         assert!(matches!(again, LoginResult::Pauses(left_s) if left_s > 50.0), "it pauses on: {again:?}");
     }
 
-    /// A thousand failed log-ins within a minute give twenty lines; the others are only counted, and their number is
-    /// written when the minute is over.
+    /// A thousand failed log-ins within a minute give twenty entries. The others are only counted, and their number is
+    /// written at the end of the minute.
     #[test]
     fn many_failed_logins_give_few_lines() {
         let folder = tempfile::tempdir().expect("a folder");
@@ -356,7 +359,7 @@ mod tests {
         assert_eq!(lines, 20);
     }
 
-    /// The number of log-ins without a line is written when the minute is over, although no other log-in follows.
+    /// The number of log-ins without an entry is written at the end of the minute, although no other log-in follows.
     #[test]
     fn left_out_logins_are_written_when_their_minute_is_over() {
         let folder = tempfile::tempdir().expect("a folder");
@@ -382,8 +385,8 @@ mod tests {
         }
     }
 
-    /// Calculated by hand: 20 of 25 log-ins have a line. The 21st, at 300 ms, requests the report at 60,000 ms. No
-    /// later one in this minute requests another report.
+    /// Expected values, calculated by hand: 20 of 25 log-ins get an entry. The 21st, at 300 ms, schedules the report at
+    /// 60,000 ms. The later log-ins of this minute schedule no further report.
     #[test]
     fn the_first_line_that_is_left_out_requests_the_report() {
         let failed = FailedLogins::new(Instant::now());

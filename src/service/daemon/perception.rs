@@ -1,7 +1,7 @@
-//! Perception of the panel: its pose, and the result of the film. The artifacts are stored here.
+//! Perception of the panel: its pose, and the result of the film. The pictures and results are recorded here.
 //!
-//! Corner pictures correct the panel's pose by all corners together. Before contact, they show whether the corners are
-//! still at their positions.
+//! The pose of the panel is corrected by the pictures of all corners together. Before contact, the corner pictures show
+//! whether the corners are still at their positions.
 
 use super::answers::{MISSING, camera_fault_answer, figure, grade_judgement, reason, unusable_picture_answer};
 use super::corners::CornerLoop;
@@ -27,18 +27,18 @@ use panelprep_vision::locate;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// The pose of the panel and the result of its film.
+/// The pose of the panel and the results of its films.
 #[derive(Debug, Default, Clone)]
 pub(super) struct Perception {
     /// The panel's pose from the 3D scan.
     pub(super) located: Option<Rigid<Base, Panel>>,
     /// The uncertainty of the pose from the 3D scan, 95 %, mm.
     pub(super) located_mm: Option<f64>,
-    /// The panel's pose after the correction with the corners.
+    /// The panel's pose after the correction by the corners.
     pub(super) place: Option<Rigid<Base, Panel>>,
-    /// The taught corners that are viewed, and their results.
+    /// The taught corners that are viewed, and the results of their pictures.
     pub corners: CornerLoop,
-    /// The panel at its found pose and everything else in the scan, as obstacles for the arm.
+    /// Obstacles for the arm: the panel at its located pose, and all other points of the scan.
     obstacles: Option<Arc<Obstacles>>,
     /// The points of the panel's region in the scan by which the panel was located, with their errors.
     todays_scan: Arc<TodaysScan>,
@@ -53,13 +53,13 @@ pub(super) struct Perception {
 #[derive(Debug)]
 pub(super) struct FilmInProgress {
     filming: FilmWatch,
-    /// The panel in this film.
+    /// The data of the panel for this film.
     pub panel: FilmedPanel,
-    /// The time of the film's first picture, by the camera's clock, s.
+    /// The time of the film's first picture on the camera's clock, s.
     first_s: Option<f64>,
-    /// Time from the film's first picture to its last one, s.
+    /// Time from the film's first picture to its last picture so far, s.
     pub seen_s: f64,
-    /// Times from a decoded picture to its result, ms.
+    /// For each picture, the time from its decoding to its result, ms.
     elapsed_ms: Vec<f64>,
 }
 
@@ -76,7 +76,7 @@ impl Perception {
         self.place
     }
 
-    /// Discards the pictures after a cycle, since they are in the record; the pose of the panel stays.
+    /// Discards the pictures after a cycle, because they are recorded; the pose of the panel remains.
     pub fn forget_pictures(&mut self) {
         (self.dry, self.film_picture) = (None, None);
         self.inspections.clear();
@@ -93,41 +93,42 @@ impl Perception {
         self.place.map(|base_from_panel| Approach { base_from_panel, corners, obstacles })
     }
 
-    /// Returns the obstacles that the arm avoids on its way to a corner.
+    /// Returns the obstacles that the arm must avoid on its way to a corner.
     pub fn obstacles(&self) -> Option<&Arc<Obstacles>> {
         self.obstacles.as_ref()
     }
 
-    /// Returns the points of the panel's region in the scan in which the panel was located.
+    /// Returns the points of the panel's region in the scan by which the panel was located.
     pub fn todays_scan(&self) -> &Arc<TodaysScan> {
         &self.todays_scan
     }
 
-    /// Returns the data of the panel's pose on which a later phase's result depends, as text. The obstacles are not
-    /// included, since they follow from the scan by which the panel was located.
+    /// Returns, as text, the data of the panel's pose on which the results of later phases depend. The obstacles are
+    /// omitted, because they follow from the scan by which the panel was located.
     pub(super) fn pose_inputs(&self) -> String {
         let Perception { located, located_mm, place, corners, .. } = self;
         format!("{located:?} {located_mm:?} {place:?} {corners:?}")
     }
 
-    /// Returns the data of `pose_inputs` and the result of the film.
+    /// Returns the text of `pose_inputs` together with the result of the film.
     pub(super) fn inputs(&self) -> String {
         let inspections = &self.inspections;
         let failed: Vec<_> = inspections
             .last()
             .map_or(vec![], |film| film.grids.iter().filter(|grid| grid.failed).map(|grid| grid.id).collect());
-        // Areas around breaks depend on the pixels that broke, and not only on the failed grids.
+        // Areas around water breaks depend on the broken pixels, not only on the failed grids.
         let broken = inspections.last().map(|film| film.mask());
         format!("{} {failed:?} {:x}", self.pose_inputs(), mask_hash(broken.as_ref()))
     }
 
-    /// Copies the films of another perception; with `without_dry`, as for a new localization, without its dry picture.
+    /// Copies the films of `other`. With `without_dry`, which is used for a new localization, the dry picture is
+    /// omitted.
     pub(super) fn copy_films(&mut self, other: &Perception, without_dry: bool) {
         self.dry = if without_dry { None } else { other.dry.clone() };
         (self.inspections, self.film_picture) = (other.inspections.clone(), other.film_picture.clone());
     }
 
-    /// Adds the results of a film that was evaluated separately.
+    /// Adds the results of a film that another thread evaluated.
     pub fn add_film(&mut self, film: Perception) {
         self.inspections.extend(film.inspections);
         if film.film_picture.is_some() {
@@ -135,14 +136,14 @@ impl Perception {
         }
     }
 
-    /// Takes a 3D scan and locates the panel in it. The film results of the panel's grids stay.
+    /// Captures a 3D scan and locates the panel in it. The film results of the panel's grids remain.
     pub fn locate(
         &mut self,
         cycle: &CycleSetup,
         eyes: &mut dyn CameraPort,
         record: &mut dyn Record,
     ) -> Result<Answer, DaemonError> {
-        // Deleted before the scan: if the camera fails, no action may use the pose of the former scan.
+        // Deleted before the scan: if the camera fails, no action may use the pose from the former scan.
         (self.located, self.located_mm, self.place, self.obstacles) = (None, None, None, None);
         (self.dry, self.corners, self.todays_scan) = (None, CornerLoop::default(), Arc::default());
         let errors = &cycle.calibrations.scan_errors;
@@ -166,7 +167,7 @@ impl Perception {
         let elapsed_ms = elapsed_ms(begun);
         let nowhere = || ResultDrawing {
             name: "located".to_owned(),
-            caption: "The scan's picture: no panel was found".to_owned(),
+            caption: "Picture of the scan in which no panel was found".to_owned(),
             picture: Ok(picture.clone()),
         };
         record.figure(&figure(located.draw_placement(&picture).unwrap_or_else(nowhere), &picture))?;
@@ -200,7 +201,7 @@ impl Perception {
         Ok(Answer::Graded(grade_judgement(&found.judgement)))
     }
 
-    /// Takes the picture of the dry panel.
+    /// Captures the picture of the dry panel.
     pub fn dry_picture(
         &mut self,
         eyes: &mut dyn CameraPort,
@@ -216,8 +217,8 @@ impl Perception {
         }
     }
 
-    /// Begins the film on the camera and its evaluation; `sanded` are the taught pixels that were sanded after the dry
-    /// picture was taken.
+    /// Begins the film on the camera and its evaluation. `sanded` are the taught pixels that were sanded after the dry
+    /// picture was captured.
     pub fn film(
         &self,
         cycle: &CycleSetup,
@@ -244,8 +245,8 @@ impl Perception {
         }
     }
 
-    /// Fetches the film's next picture if one is due; after the last picture, judges the film. Times are those of the
-    /// camera's clock.
+    /// Fetches the next picture of the film if one is available. After the last picture, computes the result of the
+    /// film. Times are those of the camera's clock.
     pub fn evaluate_next_picture(
         &mut self,
         cycle: &CycleSetup,
@@ -269,7 +270,7 @@ impl Perception {
             Err(error) => {
                 #[expect(
                     clippy::let_underscore_must_use,
-                    reason = "the film is abandoned: no further picture will be requested"
+                    reason = "the film is ended early: no further picture is requested"
                 )]
                 let _ = eyes.end_film();
                 return unusable_picture_answer(Kind::Inspect, pass, reason("film", &error), record).map(Err);
@@ -312,8 +313,8 @@ impl Perception {
 }
 
 impl Perception {
-    /// Takes a corner picture from `base_from_camera`, and corrects the panel's pose by all corner pictures. `moves` is
-    /// the number of earlier moves.
+    /// Captures a corner picture from `base_from_camera`, and corrects the panel's pose by all corner pictures. `moves`
+    /// is the number of earlier moves.
     pub fn refine(
         &mut self,
         cycle: &CycleSetup,
@@ -337,7 +338,7 @@ impl Perception {
         });
         let (sighting, correction) = match looked {
             Ok(seen) => seen,
-            Err(reason) => return self.unseen_corner((Kind::Refine, 0), (reason, &picture), record),
+            Err(reason) => return self.record_unseen_corner((Kind::Refine, 0), (reason, &picture), record),
         };
         let corrected = correction.refined.base_from_panel;
         for (place, title) in [
@@ -352,7 +353,7 @@ impl Perception {
         let grade = grade_judgement(&found.judgement);
         record.finding(&found)?;
         self.place = Some(corrected);
-        // A rejected corner is not viewed again from a shorter distance.
+        // A corner whose picture was rejected is not viewed again from a shorter distance.
         if correction.is_another_view_useful && grade != Grade::Reject {
             return Ok(Answer::LookOn);
         }
@@ -360,7 +361,7 @@ impl Perception {
         Ok(Answer::Graded(grade))
     }
 
-    /// Views the corners again, wet or dry, and checks whether they are at the positions that the localization
+    /// Captures the corners again, wet or dry, and checks whether they are at the positions that the localization
     /// predicts.
     pub fn verify(
         &mut self,
@@ -381,7 +382,7 @@ impl Perception {
         });
         let (sighting, verification) = match looked {
             Ok(seen) => seen,
-            Err(reason) => return self.unseen_corner((Kind::Verify, pass), (reason, &picture), record),
+            Err(reason) => return self.record_unseen_corner((Kind::Verify, pass), (reason, &picture), record),
         };
         if let Some(drawing) = taught(cycle).draw_corner((&sighting, &picture), place, ("verify", "before contact"))
         {
@@ -389,14 +390,14 @@ impl Perception {
         }
         let grade = grade_judgement(&verification.judgement);
         let goes_on = grade == Grade::Accept && self.corners.is_missing(cycle);
-        // If other views follow this one, some corners may not have been seen yet.
+        // If further views follow, some corners may not have been seen yet.
         let needed = (!goes_on).then_some(self.corners.correction_corners().len());
         record.finding(&verification.finding(pass, needed))?;
         Ok(if goes_on { Answer::LookOn } else { Answer::Graded(grade) })
     }
 
-    /// Finds the corner to which the camera was sent in the picture of a view; `place` is the pose that predicts the
-    /// corner's position.
+    /// Searches the corner to which the camera was sent in the picture of a view; `place` is the pose from which the
+    /// corner's position is predicted.
     fn find_corner(
         &mut self,
         (cycle, view): (&CycleSetup, u8),
@@ -404,7 +405,8 @@ impl Perception {
         place: (Rigid<Base, Panel>, Rigid<Base, FlangeCamera>),
     ) -> Result<Sighting, Reason> {
         let index = self.corners.aimed_corner();
-        let no_corner = || Reason::new("no_corner", "no corner of this panel was taught");
+        let no_corner = || Reason::new("no_corner", "no corner of this panel was taught; teach a corner with \
+                                                     --corner and --flange");
         let corner = (index, cycle.corners.get(index).ok_or_else(no_corner)?);
         let found = taught(cycle).find(corner, picture, place).map_err(|error| reason("no_corner", &error))?;
         self.corners.record_sighting(view, found);
@@ -412,7 +414,7 @@ impl Perception {
     }
 
     /// Records a picture in which no corner was found, without a drawing.
-    fn unseen_corner(
+    fn record_unseen_corner(
         &self,
         (kind, pass): (Kind, u8),
         (reason, picture): (Reason, &ColorPicture),
@@ -426,7 +428,7 @@ impl Perception {
     }
 }
 
-/// Returns the view of the 3D camera, with the panel at its located pose.
+/// Returns the view of the 3D camera with the panel at its located pose.
 pub(super) fn view<'a>(
     cycle: &'a CycleSetup,
     picture: &'a ColorPicture,

@@ -1,10 +1,10 @@
-//! The loop's interfaces to the outside: a robot, a compliant tool if there is one, cameras, a record, and a source of
-//! requests.
+//! The loop's interfaces to its environment: a robot, a compliant tool if there is one, cameras, a record, and a source
+//! of requests.
 //!
-//! Each of them is a [`Port`]: it performs one command of its enum at a time and returns one answer of another enum. So
-//! a layer between the loop and a port (a recording, a replay, the correction of the arm) is written once for all
-//! commands. The traits `RobotPort`, `ToolPort`, `CameraPort`, `RecordPort` and `RequestPort` provide the commands as
-//! functions.
+//! Each of them is a [`Port`]: it performs one command of its enum at a time and returns one answer of another enum.
+//! Therefore a layer between the loop and a port (a recording, a replay, the correction of the arm) is written only
+//! once for all commands. The traits `RobotPort`, `ToolPort`, `CameraPort`, `RecordPort` and `RequestPort` provide the
+//! commands as functions.
 
 mod cameras;
 mod port;

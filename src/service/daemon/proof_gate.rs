@@ -1,33 +1,35 @@
-//! A real controller moves in automatic mode only after the required stage of the proofs is signed.
+//! Acceptance tests: a real controller moves in automatic mode only after the required stage of its acceptance tests is
+//! signed.
 //!
-//! The program decides this only here. The loop checks it before each start and before each motion, for all interfaces,
-//! and the single functions check it before each motion. The controller's own state shows whether it is a mock; its
-//! address does not, and a controller that has not reported yet counts as a real one.
+//! This is the only place where the program decides this. The loop checks it before each start and before each motion,
+//! for all interfaces, and the single functions check it before each motion. Whether the controller is a mock
+//! controller is determined from its own state and not from its address. A controller that has not reported yet is
+//! treated as a real one.
 
 use panelprep_base::verdict::Reason;
 use panelprep_cell::cell::{self, ProofStage};
 use panelprep_cell::cycle::{Path, Request};
 use panelprep_kuka::eki::State;
 
-/// Decides whether the proofs permit a motion.
+/// Decides whether the signed acceptance tests permit a motion.
 #[derive(Debug, Clone, PartialEq)]
 pub enum ProofGate {
-    /// The controller of the cell's file, with the newest signed page of its proofs.
+    /// The controller in the cell's file, with the newest signed page of its acceptance tests.
     Controller(cell::Robot),
-    /// A recorded cycle, which moves nothing: this gate was passed when it was recorded.
+    /// A replay of a recorded cycle, which moves no robot; the motions were permitted when the cycle was recorded.
     Replay,
 }
 
 impl ProofGate {
-    /// Returns why a motion that requires this stage is refused; `None` if it is permitted.
+    /// Returns the reason why a motion that requires this stage is refused; `None` if it is permitted.
     pub fn refusal(&self, needed: ProofStage, state: Option<&State>) -> Option<Reason> {
         let ProofGate::Controller(robot) = self else { return None };
         refusal(robot, needed, state)
     }
 }
 
-/// Returns why this controller must not execute a motion that requires this stage; `None` if it may. `state` is the
-/// last state that the controller reported.
+/// Returns the reason why this controller must not execute a motion that requires this stage; `None` if it may. `state`
+/// is the last state that the controller reported.
 pub(super) fn refusal(robot: &cell::Robot, needed: ProofStage, state: Option<&State>) -> Option<Reason> {
     if state.is_some_and(State::is_simulated) {
         return None;
@@ -36,7 +38,7 @@ pub(super) fn refusal(robot: &cell::Robot, needed: ProofStage, state: Option<&St
     Some(Reason::new("stage_not_signed", unsigned.to_string()))
 }
 
-/// Returns the stage that a motion in automatic mode requires.
+/// Returns the stage of the acceptance tests that a motion in automatic mode requires.
 pub(super) fn stage_of_motion(path: Path, on_foam: bool) -> ProofStage {
     match path {
         Path::Contact if on_foam => ProofStage::B,
@@ -45,7 +47,8 @@ pub(super) fn stage_of_motion(path: Path, on_foam: bool) -> ProofStage {
     }
 }
 
-/// Returns the stage that the start of a cycle requires; `None` for a request that starts no cycle.
+/// Returns the stage of the acceptance tests that the start of a cycle requires; `None` for a request that starts no
+/// cycle.
 pub(super) fn stage_of_request(request: Request, on_foam: bool) -> Option<ProofStage> {
     match request {
         Request::Start { .. } => Some(stage_of_motion(Path::Contact, on_foam)),
@@ -60,7 +63,7 @@ mod tests {
     use crate::daemon::tests::standing_state;
     use panelprep_cell::cell::{Cell, SignedPage};
 
-    /// A boot id from the clock of a real controller: 26 years after 2000.
+    /// Boot ID from the clock of a real controller: 26 years after 2000, in seconds.
     const REAL_BOOT: i32 = 820_000_000;
 
     fn robot(host: &str, signed: Option<ProofStage>) -> cell::Robot {
@@ -70,8 +73,8 @@ mod tests {
         Cell::check("cell.toml", &text).expect("good").with_signed_page(page).robot().clone()
     }
 
-    /// A tunnel to a real controller has an address of this computer: only the state shows that a real controller
-    /// answers.
+    /// A tunnel to a real controller has an address on this computer; only the reported state shows that the controller
+    /// is real.
     #[test]
     fn a_local_address_alone_permits_no_motion() {
         let [mock, real, not_begun] = [1, REAL_BOOT, 0].map(cell_state);

@@ -1,5 +1,5 @@
-//! The line protocol of the service's socket: one JSON object is the request, one is the answer, then the connection
-//! ends.
+//! The protocol of the service's socket: the client sends one line with a JSON object, the service replies with one
+//! line with a JSON object, then the connection ends.
 //!
 //! ```text
 //! {"ask":"unhold","dried":true,"step":17}
@@ -7,28 +7,28 @@
 //! ```
 //!
 //! The protocol is strict: a line is refused if it contains an unknown word, an unknown or repeated key, or more than
-//! one object, is too long, or has no line end. The refusal states what is allowed, and no part of the line is
-//! executed. A recipe is sent as text, so that a client needs no file that the service can read. This module reads and
-//! writes no socket: see `socket`.
+//! one object, is too long, or has no line end. The refusal states what is valid, and no part of the line is executed.
+//! A recipe is sent as text, so that the client needs no file that the service can read. This module does not use the
+//! socket itself: see `socket`.
 
 use super::camera_lease::ShotRequest;
 use super::request::{RequestKind, StartRequest};
 use panelprep_cell::cycle::Request;
 use serde::{Deserialize, Serialize};
 
-/// Maximum length of a line with its line end: that of a recipe with escaped characters. Only a start may be that long.
+/// Maximum length of a line with its line end, bytes: that of a start, with a recipe whose characters are escaped.
 pub const MAX_BYTES: usize = 256 * 1_024;
-/// Maximum length of any other line.
+/// Maximum length of all other lines, bytes.
 pub(super) const MAX_SHORT_BYTES: usize = 4 * 1_024;
 
-/// Returns whether a line that begins like this may be as long as a start.
+/// Returns whether a line with this beginning may be as long as a start.
 pub(super) fn is_long_line_allowed(beginning: &[u8]) -> bool {
     let word = b"\"start\"";
     let searched = &beginning[..beginning.len().min(MAX_SHORT_BYTES)];
     searched.windows(word.len()).any(|part| part == word)
 }
 
-/// A request as written on the line: its word and its parameters.
+/// A request as it is written on a line: its word and its parameters.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(tag = "ask", rename_all = "lowercase", deny_unknown_fields)]
 enum Line {
@@ -60,22 +60,22 @@ enum Line {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum ProtocolError {
     /// The line is too long.
-    #[error("the request line is longer than {most} bytes")]
+    #[error("the request line is longer than {most} bytes; send a shorter recipe or fewer parameters")]
     TooLong {
         /// Maximum length of a line, bytes.
         most: usize,
     },
-    /// The line was not complete in time.
+    /// The line was not complete within the time limit.
     #[error("the request line was not complete in time; send the whole line at once")]
     Slow,
-    /// The connection was closed because other connections needed its slot.
+    /// The connection was closed, because too many connections were open.
     #[error(
         "connection closed: too many connections are open, and this connection was idle for the longest time; send \
          the request line at once, and try again"
     )]
     GaveWay,
     /// The line has no line end.
-    #[error("the request line has no line end")]
+    #[error("the request line has no line end; end it with a line feed")]
     NoEnd,
     /// The line is not a valid request.
     #[error("not understood: {problem}")]
@@ -83,15 +83,15 @@ pub enum ProtocolError {
         /// The problem.
         problem: String,
     },
-    /// Clients of the socket must not make this request.
-    #[error("this request is not accepted through the socket")]
+    /// Clients of the socket must not send this request.
+    #[error("this request is not accepted through the socket; use the operator's page or `panelprep ctl`")]
     NotForClients,
 }
 
-/// Reads a line with its line end.
+/// Parses a request from a line with its line end.
 ///
 /// # Errors
-/// If it is too long, has no line end, or is not exactly one valid object.
+/// If the line is too long, has no line end, or is not exactly one valid object.
 pub fn read_request(line: &[u8]) -> Result<RequestKind, ProtocolError> {
     if line.len() > MAX_BYTES {
         return Err(ProtocolError::TooLong { most: MAX_BYTES });
@@ -117,7 +117,7 @@ pub fn read_request(line: &[u8]) -> Result<RequestKind, ProtocolError> {
 /// Returns the line for this request, with its line end.
 ///
 /// # Errors
-/// If a client of the socket must not make this request.
+/// If clients of the socket must not send this request.
 pub fn request_line(what: &RequestKind) -> Result<String, ProtocolError> {
     let line = match what {
         RequestKind::State => Line::State {},
@@ -206,7 +206,7 @@ mod tests {
             (b"{\"ask\":\"hold\"}{\"ask\":\"abort\"}\n", "trailing"),
             (b"{\"ask\":\"unhold\",\"dried\":\"yes\"}\n", "boolean"),
             (b"{\"ask\":\"unhold\",\"dried\":1}\n", "boolean"),
-            // Refused: a person's decision must state the step on which it is based.
+            // Refused, because a decision must contain the number of the step to which it refers.
             (b"{\"ask\":\"unhold\",\"dried\":true}\n", "step"),
             (b"{\"ask\":\"accept\"}\n", "step"),
             (b"{\"ask\":\"clear\"}\n", "step"),

@@ -1,13 +1,14 @@
-//! Transfer of signed records by HTTP to a quality system: the files that `panelprep record export` writes are put,
-//! each at an address of its own below the configured address.
+//! Transfer of signed records by HTTP to a quality system: the files that `panelprep record export` writes are sent
+//! with PUT, each to its own address below the configured address.
 //!
-//! The transfer runs on a separate thread, for which nothing waits. The files of each signature are put in this order:
-//! the files that the record names, the page, the signature, and last the record itself. So if a record is present,
-//! everything that it names is present too. A file is put again if the server's answer was lost. The file then has the
-//! same address and the same bytes, except the page, which also shows later signatures.
+//! The transfer runs on a separate thread; no other part of the service waits for it. The files of each signature are
+//! sent in this order: the files that the record names, the page, the signature, and finally the record itself. So if
+//! the server has a record, it also has everything that the record names. A file is sent again if the server's response
+//! was lost. The repeated file has the same address and the same bytes; only the page may differ, because it also shows
+//! later signatures.
 //!
 //! [`PushStatus`] is the status for people, `Connection` is the HTTP connection to the server, and one round of
-//! `Sender` puts the next file. The progress is stored in the store's folder (`transfer`).
+//! `Sender` sends the next file. The progress is stored in the store's folder (`transfer`).
 
 use super::background::{Background, Plan, Rounds};
 use super::sources::{RecordPdf, RecordSource};
@@ -37,7 +38,7 @@ use tokio::net::TcpStream;
 use tokio::time::timeout;
 use tokio_rustls::TlsConnector;
 
-/// The thread that sends to the server; it ends when this is dropped.
+/// The thread that sends to the server; dropping this value ends the thread.
 #[derive(Debug)]
 pub struct PushSender {
     _background: Background,
@@ -47,7 +48,7 @@ impl PushSender {
     /// Starts the sender.
     ///
     /// # Errors
-    /// If the system provides no thread.
+    /// If the operating system cannot start a thread.
     pub fn start(parts: PushParts) -> std::io::Result<Self> {
         let plan = Plan {
             name: "push",
@@ -59,7 +60,7 @@ impl PushSender {
     }
 }
 
-/// The parts that the sender needs.
+/// The parts of the service that the sender needs.
 pub struct PushParts {
     /// The `[push]` table of the cell's file.
     pub push: PushSettings,
@@ -67,14 +68,14 @@ pub struct PushParts {
     pub folder: PathBuf,
     /// The source of the pages of cycles.
     pub records: Arc<dyn RecordSource>,
-    /// The status that is shown to people.
+    /// The status of the transfer that is shown to people.
     pub status: PushStatus,
 }
 
 const ALARM_TEXTS: (&str, &str) =
     ("signed records have not reached the quality system", "the transfer is in progress");
 
-/// The status; all clones share the same one.
+/// The status of the transfer. Clones share the same status.
 #[derive(Debug, Clone, Default)]
 pub struct PushStatus(Arc<Mutex<TransferBacklog>>);
 
@@ -83,7 +84,7 @@ impl PushStatus {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Returns the problem for the alarms between cycles: a record that has waited longer than `behind_min`.
+    /// Returns the problem for the alarms between cycles: a record that has waited longer than `behind_min` minutes.
     pub fn reasons(&self, behind_min: usize, now_unix_ms: i64) -> Vec<Reason> {
         let late = self.lock_waiting().overdue_text(behind_min, now_unix_ms, ALARM_TEXTS);
         late.into_iter().map(|words| Reason::new("push_behind", words)).collect()
@@ -92,11 +93,12 @@ impl PushStatus {
 
 /// Timeout for connecting.
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(10);
-/// Time limit for one file and its answer.
+/// Time limit for sending one file and receiving the response.
 const RESPONSE_TIMEOUT: Duration = Duration::from_secs(60);
-/// Maximum number of bytes of an answer that are read, and maximum number of its characters that are reported.
+/// Maximum number of bytes of a response that are read, and below it maximum number of its characters that are
+/// reported.
 const MAX_BYTES: usize = 16 * 1_024;
-const MAX_CHARACTERS: usize = 200;
+const MAX_REPORTED_CHARACTERS: usize = 200;
 
 /// The HTTP connection to the quality system.
 struct Connection {
@@ -110,20 +112,21 @@ impl Connection {
     /// Creates a connection to the address in the cell's file; the server is not contacted yet.
     ///
     /// # Errors
-    /// If a file cannot be used.
+    /// If the token or the certificate cannot be read.
     pub fn new(push: &PushSettings) -> Result<Self, String> {
         let token = push.token_file.as_deref().map(trust::secret).transpose().map_err(|error| error.to_string())?;
         let authorization = token.map(|token| HeaderValue::try_from(format!("Bearer {token}"))).transpose();
         let authorization = authorization
-            .map_err(|_| "the token contains characters that are not valid in an HTTP header".to_owned())?;
+            .map_err(|_| "the token in the file of [push] contains characters that are not valid in an HTTP header; \
+                          write the token again".to_owned())?;
         let config = push.ca_certificate.as_deref().map(|file| trust::client_config(file, None)).transpose();
         let config = config.map_err(|error| error.to_string())?;
         let tls = config.map(|config| TlsConnector::from(Arc::new(config)));
         Ok(Connection { target_folder: push.target_folder.clone(), authorization, tls, sender: None })
     }
 
-    /// Puts a file below the configured address. If the connection of an earlier request turns out to be closed, opens
-    /// a new one.
+    /// Sends a file to its address below the configured address. If the connection of an earlier request is found to be
+    /// closed, a new connection is opened.
     ///
     /// # Errors
     /// If the server cannot be reached, or does not accept the file.
@@ -149,11 +152,12 @@ impl Connection {
             let name = ServerName::try_from(host.clone()).map_err(|error| error.to_string())?;
             begin_connection(tls.connect(name, stream).await.map_err(|error| error.to_string())?).await
         };
-        let late = |_| format!("the server did not respond within {} s", CONNECT_TIMEOUT.as_secs());
+        let late = |_| format!("the server of the quality system did not respond within {} s; the file is sent again \
+                                automatically", CONNECT_TIMEOUT.as_secs());
         timeout(CONNECT_TIMEOUT, connecting).await.map_err(late)?
     }
 
-    /// Sends a file and returns the answer. The connection stays open if it can be used again.
+    /// Sends a file and returns the response. The connection stays open if it can be used again.
     async fn send_file(
         &mut self,
         mut sender: SendRequest<Body>,
@@ -178,7 +182,8 @@ impl Connection {
             let response = sender.send_request(request).await.map_err(|error| error.to_string())?;
             Ok::<_, String>(read_response(response).await)
         };
-        let late = |_| format!("no answer within {} s", RESPONSE_TIMEOUT.as_secs());
+        let late = |_| format!("the server of the quality system did not respond within {} s; the file is sent again \
+                                automatically", RESPONSE_TIMEOUT.as_secs());
         let answered = timeout(RESPONSE_TIMEOUT, asking).await.map_err(late)??;
         self.sender = Some(sender);
         Ok(answered)
@@ -200,14 +205,14 @@ async fn begin_connection(
     tokio::spawn(async move {
         #[expect(
             clippy::let_underscore_must_use,
-            reason = "the request on this connection reports how the connection ended"
+            reason = "the connection has ended; see the error of the request that used it"
         )]
         let _ = connection.await;
     });
     Ok(sender)
 }
 
-/// Returns the status code, and a text for people: the first line of the answer, or the address to which the server
+/// Returns the status code and a text for people: the first line of the response, or the address to which the server
 /// redirects.
 async fn read_response(response: Response<hyper::body::Incoming>) -> (StatusCode, String) {
     let status = response.status();
@@ -220,20 +225,20 @@ async fn read_response(response: Response<hyper::body::Incoming>) -> (StatusCode
     let bytes = to_bytes(Body::new(response.into_body()), MAX_BYTES).await.unwrap_or_default();
     let text = String::from_utf8_lossy(&bytes);
     let line = text.lines().map(str::trim).find(|line| !line.is_empty()).unwrap_or_default();
-    (status, line.chars().filter(|c| !c.is_control()).take(MAX_CHARACTERS).collect())
+    (status, line.chars().filter(|c| !c.is_control()).take(MAX_REPORTED_CHARACTERS).collect())
 }
 
-/// The file in the store's folder that records the signature up to which the files were put.
-const PROGRESS: &str = "push.json";
-/// The prefix of the names of pictures, recipes and calibrations.
-const FILES: &str = "files/";
-/// Largest number of remembered names of such files: most records name the same recipe and calibrations.
-const MAX_FILES: usize = 50_000;
+/// Name of the file in the store's folder that contains the number of the signature up to which the files were sent.
+const PROGRESS_FILE_NAME: &str = "push.json";
+/// Prefix of the names of pictures, recipes and calibrations.
+const FILES_PREFIX: &str = "files/";
+/// Maximum number of remembered names of such files: most records name the same recipe and calibrations.
+const MAX_REMEMBERED_FILES: usize = 50_000;
 const JSON: &str = "application/json";
 const PDF: &str = "application/pdf";
 const BYTES: &str = "application/octet-stream";
 
-/// The last signature for which this server has all files.
+/// The last signature for which the server has all files.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(default)]
 struct Progress {
@@ -243,7 +248,7 @@ struct Progress {
     record_hash: String,
 }
 
-/// A file for the server.
+/// A file that must be sent to the server.
 #[derive(Clone)]
 struct File {
     name: String,
@@ -251,7 +256,7 @@ struct File {
     bytes: Bytes,
 }
 
-/// Returns the page of a cycle as PDF, and the part that the cell signs.
+/// Returns the files of a cycle's page: the PDF, the page that the cell signs, and the signature.
 fn page_files(cycle: CycleId, RecordPdf { pdf, page, signature }: RecordPdf) -> Vec<File> {
     let stem = signing::page_stem(cycle);
     let file = |name: String, kind, bytes: Vec<u8>| File { name, kind, bytes: bytes.into() };
@@ -262,7 +267,7 @@ fn page_files(cycle: CycleId, RecordPdf { pdf, page, signature }: RecordPdf) -> 
     ]
 }
 
-/// Sends the signed records.
+/// Sends the signed records to the server.
 struct Sender {
     push: PushSettings,
     folder: PathBuf,
@@ -271,9 +276,9 @@ struct Sender {
     progress: Progress,
     store: Option<Store>,
     connection: Option<Connection>,
-    /// Names of files that the server has.
+    /// Names of the files that the server already has.
     stored_names: BTreeSet<String>,
-    /// The files of the page that was made for the signature with this number.
+    /// The page of the signature with this number: its files.
     page: Option<(u64, Vec<File>)>,
 }
 
@@ -281,7 +286,7 @@ impl Sender {
     pub fn new(parts: &PushParts) -> Self {
         let PushParts { push, folder, records, status } = parts;
         let (push, folder, records, status) = (push.clone(), folder.clone(), records.clone(), status.clone());
-        let mut progress: Progress = transfer::read_progress(&folder, PROGRESS);
+        let mut progress: Progress = transfer::read_progress(&folder, PROGRESS_FILE_NAME);
         let to = push.target_folder.to_string();
         if progress.to != to {
             progress = Progress { to, ..Progress::default() };
@@ -302,8 +307,8 @@ impl Sender {
 
 impl Rounds for Sender {
     async fn run_round(&mut self) -> Result<bool, String> {
-        // The files of the connection are read even if nothing is to be put, so that errors in them are reported at
-        // once.
+        // The certificate and the token are read even if there is no file to send, so that errors in them are reported
+        // immediately.
         let mut connection = match self.connection.take() {
             Some(connection) => connection,
             None => Connection::new(&self.push)?,
@@ -328,11 +333,11 @@ impl Rounds for Sender {
             None => {
                 let (to, number, record_hash) = (self.progress.to.clone(), row.number, row.record_hash.clone());
                 self.progress = Progress { to, number, record_hash };
-                transfer::write_progress(&self.folder, PROGRESS, &self.progress)?;
-                // Pictures, recipes and calibrations have the same name in every record, so these names stay in the
+                transfer::write_progress(&self.folder, PROGRESS_FILE_NAME, &self.progress)?;
+                // Pictures, recipes and calibrations have the same name in every record, so these names remain in the
                 // set.
-                self.stored_names.retain(|name| name.starts_with(FILES));
-                if self.stored_names.len() >= MAX_FILES {
+                self.stored_names.retain(|name| name.starts_with(FILES_PREFIX));
+                if self.stored_names.len() >= MAX_REMEMBERED_FILES {
                     self.stored_names.clear();
                 }
             }
@@ -351,8 +356,8 @@ impl Rounds for Sender {
 }
 
 impl Sender {
-    /// Continues after the last completed signature. If the store was restored from a backup, other signatures may have
-    /// the same numbers: all signatures are then sent again.
+    /// Continues after the last signature whose files were all sent. If the store was restored from a backup, other
+    /// signatures may have the same numbers; all signatures are then sent again.
     fn resume_position(&mut self, store: &Store) -> Result<(), String> {
         let Progress { number, record_hash, .. } = &self.progress;
         if *number == 0 {
@@ -361,22 +366,23 @@ impl Sender {
         let last = store.next_signature(number - 1).map_err(|error| error.to_string())?;
         if last.is_none_or(|(row, _)| row.number != *number || row.record_hash != *record_hash) {
             tracing::warn!(
-                "record number {number} in the store differs from the record that was sent last: all records are \
-                 sent again"
+                "record number {number} in the store differs from the record that was sent last, so the store was \
+                 restored: all records are sent again"
             );
             self.progress = Progress { to: self.progress.to.clone(), ..Progress::default() };
         }
         Ok(())
     }
 
-    /// Returns the first file of a cycle's page that was not put yet: the PDF, or the part that the cell signs. The
-    /// page is made once for each signature.
+    /// Returns the first file of a cycle's page that the server does not have yet. The page is created once for each
+    /// signature.
     async fn next_page_file(&mut self, row: &SignatureRow) -> Result<Option<File>, String> {
         if self.page.as_ref().is_none_or(|(number, _)| *number != row.number) {
             let (records, cycle) = (self.records.clone(), row.cycle);
             let made = tokio::task::spawn_blocking(move || records.pdf(cycle)).await;
             let made = made.map_err(|error| error.to_string())?.unwrap_or_else(|problem| {
-                tracing::warn!("cannot send the page of cycle {cycle} to the quality system: {problem}");
+                tracing::warn!("cannot send the page of cycle {cycle} to the quality system: {problem}; it is sent \
+                                again automatically");
                 None
             });
             self.page = Some((row.number, made.map_or(vec![], |made| page_files(cycle, made))));
@@ -385,8 +391,8 @@ impl Sender {
         Ok(files.into_iter().find(|file| !self.stored_names.contains(&file.name)).cloned())
     }
 
-    /// Returns the first file of a signature that was not put yet. A file that is damaged, or was deleted after its
-    /// retention time, is left out: `record verify` reports it.
+    /// Returns the first file of a signature that the server does not have yet. A file that is damaged, or was deleted
+    /// after its retention time, is omitted; `record verify` reports it.
     async fn next_file(&mut self, store: &Store, row: &SignatureRow) -> Result<Option<File>, String> {
         let record = store.blob(&row.record_hash).map_err(|error| error.to_string())?;
         if let StatementContent::Cycle(cycle) = Statement::read(&record).map_err(|error| error.to_string())?.says {

@@ -13,9 +13,9 @@ use panelprep_store::store::{Store, StoreError};
 use rayon::prelude::*;
 use std::sync::Arc;
 
-/// Minimum free disk space at the beginning of a cycle, MB: enough for the cycle's pictures and for the longest journal
-/// of a day.
-pub const FLOOR_MB: u64 = 1_000;
+/// Minimum free disk space at the beginning of a cycle, MB: enough for the pictures of the cycle and the longest
+/// journal of a day.
+pub const MIN_FREE_SPACE_MB: u64 = 1_000;
 /// Number of pictures of a clip that are compressed at the same time.
 const BATCH_PICTURES: usize = 8;
 
@@ -24,7 +24,7 @@ const BATCH_PICTURES: usize = 8;
 pub struct StoreRecord<'a> {
     store: &'a mut Store,
     cycle: Option<CycleId>,
-    /// The position in the journal of the last request, until its answer is recorded.
+    /// The position of the last request in the journal, until the reply to it is recorded.
     line: Option<RequestPosition>,
     pages: Pages,
     is_full_reported: bool,
@@ -35,20 +35,20 @@ pub struct StoreRecord<'a> {
 struct RequestPosition {
     line: u64,
     cycle: Option<CycleId>,
-    /// Number of findings of the cycle when the request was made: its effects may add some before its answer is
-    /// recorded.
+    /// Number of findings of the cycle when the request arrived; the request may cause further findings before the
+    /// reply to it is recorded.
     findings: u64,
 }
 
-/// The data of the cycle between two writes.
+/// The data of the cycle that are not yet written to the store.
 #[derive(Debug, Default)]
 struct Pages {
     budget: Budget,
     /// The pictures that belong to the next finding.
     pictures: Vec<Picture>,
     shots: Vec<KeptFile>,
-    /// The clip so far: its files, named by their hashes. `waiting` contains its last pictures, which are not stored
-    /// yet.
+    /// The pictures of the clip so far, identified by their hashes. `waiting` contains the last ones, which are not
+    /// stored yet.
     clip: Vec<ClipEntry>,
     waiting: Vec<(Arc<ColorPicture>, f64, Phase)>,
     /// Number of findings of the cycle so far.
@@ -66,7 +66,7 @@ impl<'a> StoreRecord<'a> {
         self.store.store_picture(&write_color_jpeg(picture).map_err(record_error)?).map_err(record_error)
     }
 
-    /// Stores the clip's waiting pictures, which are compressed in parallel.
+    /// Stores the waiting pictures of the clip, which are compressed in parallel.
     fn store_waiting_pictures(&mut self) -> Result<(), RecordError> {
         let waiting = std::mem::take(&mut self.pages.waiting);
         let compressed: Vec<_> = waiting.par_iter().map(|(picture, ..)| write_color_jpeg(picture)).collect();
@@ -77,7 +77,8 @@ impl<'a> StoreRecord<'a> {
         Ok(())
     }
 
-    /// Ends the clip: stores its list, and names the list like a picture. A clip without a wet picture is not stored.
+    /// Ends the clip: stores the list of its pictures, and names the list like a picture. A clip without a wet picture
+    /// is not stored.
     fn store_clip(&mut self) -> Result<(), RecordError> {
         self.store_waiting_pictures()?;
         let entries = std::mem::take(&mut self.pages.clip);
@@ -101,9 +102,9 @@ pub fn picture_store(store: &Store) -> Result<PictureStore, StoreError> {
     }))
 }
 
-/// Returns the reason for a full disk, with the files to delete and the space that is needed.
+/// Returns the reason for a full disk, with the files that can be deleted and the space that is needed.
 fn disk_full_reason(store: &Store) -> Reason {
-    Reason::new("disk_full", format!("{}; a cycle needs {FLOOR_MB} MB", store.disk_full_error()))
+    Reason::new("disk_full", format!("{}; a cycle needs {MIN_FREE_SPACE_MB} MB of free space", store.disk_full_error()))
 }
 
 fn record_error(error: impl std::error::Error + Send + Sync + 'static) -> RecordError {
@@ -169,13 +170,13 @@ impl StoreRecord<'_> {
 
     fn finding(&mut self, finding: Finding) -> Result<(), RecordError> {
         let Some(cycle) = self.cycle else { return Ok(()) };
-        // A finding refers to the pictures before it, so these must be in the store before the finding's row is
+        // A finding refers to the pictures before it; therefore they must be in the store before the finding is
         // written.
         self.store_clip()?;
         let (pictures, shots) = (std::mem::take(&mut self.pages.pictures), std::mem::take(&mut self.pages.shots));
         let mut kept = Finding { pictures, shots, ..finding };
-        // A value that is not a finite number counts as not measured: a failed fit must not prevent the record of its
-        // rejection.
+        // A value that is not a finite number is recorded as not measured, so that a failed fit does not prevent the
+        // record of its rejection.
         let dropped = self.store.dropped_pictures();
         if dropped > 0 {
             kept.details.insert("pictures_not_kept_since_the_disk_was_full".to_owned(), dropped.into());
@@ -197,8 +198,8 @@ impl StoreRecord<'_> {
     fn frame(&mut self, picture: Arc<ColorPicture>, time_s: f64, phase: Phase) -> Result<(), RecordError> {
         if self.cycle.is_some() {
             self.pages.waiting.push((picture, time_s, phase));
-            // Stored in batches: compressing one picture after the other is slower than the camera, and a whole clip
-            // does not fit into memory.
+            // The pictures are stored in batches: compressing one picture after the other is slower than the camera,
+            // and the pictures of a whole clip do not fit into memory.
             if self.pages.waiting.len() >= BATCH_PICTURES {
                 self.store_waiting_pictures()?;
             }
@@ -246,7 +247,7 @@ impl StoreRecord<'_> {
 
     fn conclude(&mut self, verdict: Verdict, because: &[Reason]) -> Result<RecordAnswer, RecordError> {
         let Some(cycle) = self.cycle else { return Ok(RecordAnswer::Concluded(verdict)) };
-        // The stored verdict is returned, so that the signature and the page state the verdict on the disk.
+        // The stored verdict is returned, so that the signature and the page state the verdict that is on the disk.
         let kept = self.store.conclude(cycle, verdict, because).map_err(record_error)?;
         Ok(RecordAnswer::Concluded(kept.verdict))
     }
@@ -258,7 +259,7 @@ impl StoreRecord<'_> {
 
     fn disk_space_problems(&mut self) -> Vec<Reason> {
         match self.store.free_mb() {
-            Ok(free_mb) if free_mb >= FLOOR_MB && self.store.has_free_space() => {
+            Ok(free_mb) if free_mb >= MIN_FREE_SPACE_MB && self.store.has_free_space() => {
                 self.is_full_reported = false;
                 vec![]
             }

@@ -1,5 +1,5 @@
-//! The request type of all interfaces, which submit it to the service, and which the loop processes; and the reply to
-//! it.
+//! The request type of all interfaces, and the reply to it. Interfaces submit requests to the service; the loop
+//! processes them.
 //!
 //! An interface states what is requested and by whom; [`super::Gateway`] prepares a start, queues the request and waits
 //! for the reply. Signals and scripted runs submit the same type. A request on which the cycle's state table decides
@@ -21,14 +21,14 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use tokio::sync::oneshot;
 
-/// A request on its way from an interface to the loop.
+/// A request of an interface to the loop.
 #[derive(Debug)]
 pub struct Request {
     /// The requested action.
     pub what: RequestKind,
-    /// The person or program that makes the request, and its interface.
+    /// The person or program that sends the request, and its interface.
     pub requester: RequestAuthor,
-    /// The channel for the reply; `None` if no client waits for one.
+    /// The channel for the reply; `None` if no client waits for the reply.
     pub reply: Option<oneshot::Sender<Reply>>,
 }
 
@@ -38,8 +38,8 @@ impl Request {
         Request { what, requester: who, reply: None }
     }
 
-    /// Creates the request of a SIGTERM or SIGINT. The first signal stops the cycle, the second one aborts it; the
-    /// service ends when the cell is at rest.
+    /// Creates the request for a SIGTERM or SIGINT. The first signal stops the cycle, the second one aborts it; the
+    /// service ends when the cell is idle.
     pub fn signal() -> Self {
         Request::new(RequestKind::Leave, RequestAuthor::from_source(RequestSource::Signal))
     }
@@ -47,22 +47,22 @@ impl Request {
 
 /// Kinds of requests.
 pub enum RequestKind {
-    /// Requests a report of the present state. It is answered at once.
+    /// Requests a report of the present state. It is answered immediately.
     State,
     /// Requests the start of a cycle, in the form in which an interface submits it. The loop receives it as `Begin` or
     /// `Refused`.
     Start(StartRequest),
     /// Begins a cycle whose files have been read.
     Begin(Box<PreparedCycle>),
-    /// A request that was refused before it reached the loop: a start whose files are invalid, or a request that the
-    /// user's role does not permit. The loop only records it.
+    /// A request that was refused before it reached the loop: a start with invalid files, or a request that the user's
+    /// role does not permit. The loop only records it.
     Refused {
         /// The requested action.
         wanted: RequestedAction,
-        /// The reason why it is refused.
+        /// The reasons why the request is refused.
         reasons: Vec<Reason>,
     },
-    /// Records that a new disc was mounted. Possible while the cell is at rest.
+    /// Records that a new disc was mounted. Permitted while the cell is idle.
     NewDisc,
     /// A request on which the cycle's state table decides.
     Table(cycle::Request),
@@ -71,24 +71,24 @@ pub enum RequestKind {
     Decided {
         /// The request: accept, unhold or clear.
         request: cycle::Request,
-        /// The step on which the person decided.
+        /// The number of the step to which the decision refers.
         step: u64,
     },
     /// A request to hold the cycle, with the reason that a person gave.
     Hold {
-        /// Reason of the hold, as the person stated it.
+        /// The reason, as the person wrote it.
         why: String,
     },
-    /// A decision on a step that is not the present one. The loop only records it.
+    /// A decision that refers to an earlier step. The loop only records it.
     Outdated {
         /// The request.
         request: cycle::Request,
-        /// The reasons, with the changes since that step.
+        /// The reasons of the refusal, with the changes since that step.
         reasons: Vec<Reason>,
     },
-    /// Requests pictures from the cell's cameras, while the cell rests without a cycle.
+    /// Requests pictures from the cell's cameras, while no cycle is running.
     Shoot(ShotRequest),
-    /// Ends the program if the cell is at rest.
+    /// Ends the program if the cell is idle.
     Leave,
 }
 
@@ -99,7 +99,7 @@ impl std::fmt::Debug for RequestKind {
 }
 
 impl RequestKind {
-    /// Returns the request as text for the log.
+    /// Describes the request for the log.
     pub(super) fn describe(&self) -> String {
         match self {
             RequestKind::State => "state".to_owned(),
@@ -114,9 +114,9 @@ impl RequestKind {
                 format!("start by {recipe}")
             }
             RequestKind::Refused { wanted: RequestedAction::NewDisc, .. } => "new-disc".to_owned(),
-            // No interface requests it: `robot prove` stores it itself.
+            // No interface sends this request: `robot prove` stores it directly.
             RequestKind::Refused { wanted: RequestedAction::Proofs { stage, .. }, .. } => {
-                format!("proofs of stage {stage}")
+                format!("acceptance tests of stage {stage}")
             }
             RequestKind::Refused { wanted: RequestedAction::For(request), .. } => {
                 operator_texts::command(*request).to_owned()
@@ -126,7 +126,7 @@ impl RequestKind {
         }
     }
 
-    /// Returns the record's form of this request, for an interface that refuses it; `None` if the request changes
+    /// Returns this request in the form of the record, for an interface that refuses it; `None` if the request changes
     /// nothing in the cell.
     pub(super) fn wanted(&self) -> Option<RequestedAction> {
         match self {
@@ -163,29 +163,29 @@ impl RequestKind {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct StartRequest {
-    /// The recipe's name in messages.
+    /// The name of the recipe in messages.
     pub recipe: String,
     /// Its text.
     pub text: String,
-    /// The destination of the cycle's recording; `None` if the cycle is not recorded.
+    /// Where the cycle is recorded for replay; `None` if it is not recorded.
     #[serde(default)]
     pub record: Option<RecordIn>,
     /// The part in the cell, with its work order and operator.
     #[serde(default)]
     pub part: Option<PartNames>,
-    /// Whether a person states that the part in the fixture is not the part of the earlier cycles: its abrasions are
+    /// Whether a person states that the part in the fixture is not the part of earlier cycles; its sanding passes are
     /// then counted from zero.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub another_part: bool,
-    /// The number of passes that the part had in cycles that a restored store lacks, as a person stated it.
+    /// The number of passes over the part in cycles that are missing in a restored store, as a person stated it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lost_passes: Option<u8>,
-    /// Whether the person stated on the operator's page that the guard is closed and no person is inside the cell. Only the
-    /// page asks for it; a client's line cannot state it.
+    /// Whether the person confirmed on the operator's page that the guard is closed and no person is inside the cell.
+    /// Only the page asks for this; a line of the socket cannot contain it.
     #[serde(skip)]
     pub is_stated_clear: bool,
     /// Whether the text may differ from the file in the recipes' folder. The interface decides this by the person's
-    /// role; a client's line cannot state it.
+    /// role; a line of the socket cannot contain it.
     #[serde(skip)]
     pub own_text: RecipeTextPermission,
 }
@@ -200,17 +200,17 @@ pub enum RecipeTextPermission {
     Allowed,
 }
 
-/// The destination of a cycle's recording.
+/// The place where the recording of a cycle is stored.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum RecordIn {
-    /// In the store, under the cycle's number.
+    /// In the store, named by the number of the cycle.
     Store,
     /// In this new file, given by its absolute path.
     File(PathBuf),
 }
 
-/// A cycle with its files read and checked; the loop can begin it.
+/// A cycle whose files were read and checked; the loop can begin it.
 #[derive(Debug)]
 pub struct PreparedCycle {
     /// The request to the cycle's state table to begin the cycle.
@@ -225,7 +225,7 @@ pub struct PreparedCycle {
     pub remarks: Vec<Reason>,
 }
 
-/// Result of a request.
+/// The result of a request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum RequestResult {
@@ -252,7 +252,7 @@ impl RequestResult {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Reply {
-    /// Result of the request.
+    /// The result of the request.
     pub answer: RequestResult,
     /// The state in PackML's terms; `None` if the loop was not asked.
     pub state: Option<String>,
@@ -260,35 +260,35 @@ pub struct Reply {
     pub phase: Option<String>,
     /// The panel of the current cycle, or of the last one.
     pub panel: Option<String>,
-    /// The cycle's number of abrasions so far.
+    /// Number of the cycle's sanding passes so far.
     pub pass: Option<u8>,
-    /// Duration of the film in progress so far, s.
+    /// Present duration of the film in progress, s.
     pub film_s: Option<f64>,
     /// Number of executed waypoints of the path in progress.
     pub waypoint: Option<u32>,
     /// Total number of waypoints of this path.
     pub of: Option<u32>,
-    /// The page of the last cycle, once it is written.
+    /// The page of the last cycle; `None` until it is written.
     pub page: Option<PathBuf>,
-    /// Position of the arm's axes, degrees, while the arm is at rest and the link to it works.
+    /// Positions of the arm's axes, degrees, while the arm is stationary and the connection to it works.
     #[serde(default)]
     pub axes_deg: Option<[f64; 6]>,
     /// The last epoch of the robot.
     pub epoch: Option<u32>,
-    /// The step of the cycle's state table in this reply; the requests accept, unhold and clear must state it.
+    /// The step of the cycle's state table in this reply; the requests accept, unhold and clear must contain it.
     #[serde(default)]
     pub step: Option<u64>,
-    /// The cycle that runs, or the last one since the service started.
+    /// The running cycle, or the last one since the service started.
     pub cycle_id: Option<i64>,
-    /// The verdict of the cycle, once it exists.
+    /// The verdict of the cycle; `None` until it exists.
     pub verdict: Option<Verdict>,
     /// The recording of the cycle, if there is one.
     pub recording: Option<RecordingResult>,
-    /// What was done, if the state does not show it.
+    /// Description of what was done, if the state does not show it.
     pub done: Option<String>,
-    /// The reason why the request was refused, or why the cell is in this state.
+    /// The reasons why the request was refused, or why the cell is in this state.
     pub reasons: Vec<Reason>,
-    /// Data for the operator's page and the plant, which are not sent through a socket.
+    /// Data for the operator's page and the plant, which are not sent over the socket.
     #[serde(skip)]
     pub extras: PageData,
 }
@@ -300,7 +300,7 @@ pub struct PageData {
     pub table: Option<State>,
     /// The words of the requests that the state table would accept now.
     pub possible: Vec<&'static str>,
-    /// The panel's grids; none before the first cycle.
+    /// The panel's grids; empty before the first cycle.
     pub grids: Arc<[GridId]>,
     /// Planned duration of the film, s.
     pub film_total_s: Option<f64>,
@@ -316,7 +316,7 @@ impl Reply {
     }
 
     /// Returns whether the loop may not have received the request, so that the interface must record it. A service that
-    /// ended may have recorded it as well: two lines in the record are better than none.
+    /// has ended may have recorded it as well; two entries in the record are better than none.
     pub(super) fn may_be_unrecorded(&self) -> bool {
         let codes = ["busy", "ended", "bad_request"];
         self.state.is_none() && self.reasons.first().is_some_and(|reason| codes.contains(&&*reason.code))

@@ -1,12 +1,12 @@
-//! Processing of requests in the service: passes them to the loop, answers the clients that wait, and reports the state
-//! of the cell to systemd.
+//! Processing of requests in the service: passes requests to the loop, sends replies to the waiting clients, and
+//! reports the state of the cell to systemd.
 //!
-//! The loop calls the handler in every iteration. The handler then also asks the supervisor about the other threads, so
-//! that the heartbeat to systemd (`WATCHDOG=1`) proves that all of them work. SIGTERM or SIGINT stops the cycle, and a
-//! second one aborts it; the service ends from Stopped or Aborted only.
+//! The loop calls the handler in every iteration. The handler then also checks the other threads with the supervisor,
+//! so that the heartbeat to systemd (`WATCHDOG=1`) proves that all of them work. SIGTERM or SIGINT stops the cycle, and
+//! a second signal aborts it; the service ends only in the states Stopped and Aborted.
 //!
-//! While the store cannot be opened, for example on a full disk, there is no loop: [`wait_for`] then only answers
-//! requests, and tries again to open the store.
+//! While the store cannot be opened, for example because the disk is full, there is no loop: [`wait_for`] then only
+//! answers requests, and tries again to open the store.
 
 use super::camera_lease::SharedCameras;
 use super::live_view::LiveView;
@@ -32,7 +32,7 @@ use tokio::sync::oneshot;
 /// A cycle that has ended.
 #[derive(Debug)]
 pub struct EndedCycle {
-    /// Id of the cycle.
+    /// The ID of the cycle.
     pub id: CycleId,
     /// The recording of the cycle, which may still be in progress.
     pub recording: Option<Recording>,
@@ -45,13 +45,13 @@ pub struct ServiceParts {
     pub recording: RecordingSwitch,
     /// Checks whether all threads work.
     pub supervisor: Supervisor,
-    /// The channel that orders the page of an ended cycle.
+    /// The channel by which the page of an ended cycle is ordered.
     pub pages: Sender<EndedCycle>,
-    /// The page that was written last.
+    /// The last written page.
     pub written: LastWrittenPage,
-    /// The cameras, which are lent while the cell rests.
+    /// The cameras, which are lent while no cycle is running.
     pub cameras: Option<SharedCameras>,
-    /// The live view for viewers.
+    /// The live view for people.
     pub view: LiveView,
 }
 
@@ -65,8 +65,8 @@ fn phase(at: At) -> Option<Phase> {
     }
 }
 
-/// Returns a reason that states who requests this hold, and why if the person stated it.
-fn holder(hold: &Request) -> Reason {
+/// Returns a reason that names the author of this hold, and the reason that the author gave.
+fn hold_author_reason(hold: &Request) -> Reason {
     let who = hold.requester.user.clone().unwrap_or_else(|| hold.requester.to_string());
     match &hold.what {
         RequestKind::Hold { why } => Reason::new("held_by", format!("{who}: {why}")),
@@ -74,17 +74,17 @@ fn holder(hold: &Request) -> Reason {
     }
 }
 
-/// Number of heartbeats that a working loop sends to systemd within the watchdog time: if one is late, more than half
-/// of this time is left.
+/// Number of heartbeats that a working loop sends to systemd within the watchdog time: even if one is late, more than
+/// half of this time is left.
 const WATCHDOG_SIGNALS: u32 = 4;
-/// Time for which the loop waits for a request while the cell rests.
+/// Maximum time for which the loop waits for a request while the cell is idle.
 const IDLE_POLL_TIMEOUT: Duration = Duration::from_millis(20);
 
-/// Largest number of requests for the state that are answered in one iteration of the loop.
+/// Maximum number of requests for the state that are answered in one iteration of the loop.
 const MAX_STATE_REQUESTS: usize = 64;
 
-/// Number of the last steps of the state table whose description is remembered: more than a cycle has between two
-/// holds.
+/// Number of last steps of the state table whose description is remembered: more than the number of steps between two
+/// holds of a cycle.
 const MAX_REMEMBERED_STEPS: usize = 64;
 
 /// The data of a start that the loop has accepted.
@@ -95,18 +95,18 @@ struct AcceptedStart {
     film_total_s: f64,
 }
 
-/// Handles the requests of the service.
+/// Handles the requests to the service.
 #[derive(Debug)]
 pub struct RequestHandler {
     queue: RequestQueue,
-    /// The channel for the reply to the request that the loop has accepted.
+    /// The channel for the reply to the accepted request.
     waiting: Option<oneshot::Sender<Reply>>,
     /// Whether the accepted request is a reset.
     waits_for_reset: bool,
     signals: u8,
-    /// The number of signals that already led to a request to the state table.
+    /// The number of signals for which a request was already sent to the state table.
     handled_signals: u8,
-    /// The state that was last reported to systemd.
+    /// The last state that was reported to systemd.
     reported_state: Option<At>,
     /// The interval at which systemd expects a heartbeat, and the time of the last one.
     watchdog: Option<(Duration, Instant)>,
@@ -115,24 +115,24 @@ pub struct RequestHandler {
     sign: SupervisedThread,
     cycle: Option<CycleId>,
     verdict: Option<Verdict>,
-    /// The panel of the cycle, or of the start that the loop has accepted.
+    /// The panel of the cycle, or of the accepted start.
     panel: Option<String>,
     accepted_start: Option<AcceptedStart>,
     /// The grids of the panel of the last cycle; `film_total_s` is the planned duration of its film, s.
     grids: Arc<[GridId]>,
     film_total_s: Option<f64>,
-    /// Duration of the film in progress so far, s.
+    /// Present duration of the film in progress, s.
     film_s: Option<f64>,
-    /// What was done, for the reply.
+    /// Description of what was done, for the reply.
     done: Option<String>,
-    /// The cycle whose page is due once the cell is at rest.
+    /// The cycle whose page must be written when the cell is idle.
     ended: Option<CycleId>,
     /// The problems that were found last; `earlier_problems` contains those from before the last request.
     problems: Vec<Reason>,
     earlier_problems: Vec<Reason>,
     /// The author of the last requested hold, with the reason if one was given.
     holder: Option<Reason>,
-    /// The state that the loop last reported.
+    /// The last state that the loop reported.
     state: State,
     /// The last steps of the state table, each with its description.
     steps: VecDeque<(u64, String)>,
@@ -140,7 +140,7 @@ pub struct RequestHandler {
 
 impl RequestHandler {
     /// Creates the handler for the requests of this queue. `left` is the cycle that an earlier process did not end. The
-    /// handler reports to systemd that the loop works, as long as the supervisor finds that all threads work.
+    /// handler sends heartbeats to systemd as long as the supervisor finds that all threads work.
     pub fn new(queue: RequestQueue, left: Option<CycleId>, parts: ServiceParts) -> Self {
         let (sign, _) = supervise("loop", Duration::MAX);
         let watchdog = sd_notify::watchdog_enabled().map(|allowed| (allowed / WATCHDOG_SIGNALS, Instant::now()));
@@ -210,7 +210,7 @@ impl RequestHandler {
         PageData { table: Some(*state), possible, grids, film_total_s, is_review }
     }
 
-    /// Returns the reasons for the cell's state, and the problems found last.
+    /// Returns the reasons for the cell's state, and the problems that were found last.
     fn reasons(&self, state: &State) -> Vec<Reason> {
         let is_requested = matches!(state.at, At::Held(hold) | At::Holding(hold) if hold.why == cycle::Why::Asked);
         let holder = self.holder.iter().filter(|_| is_requested);
@@ -230,10 +230,11 @@ impl RequestHandler {
         }
     }
 
-    /// Notifies systemd; has no effect without systemd.
+    /// Sends these states to systemd; has no effect without systemd.
     fn notify(states: &[NotifyState<'_>]) {
         if let Err(error) = sd_notify::notify(states) {
-            tracing::warn!("systemd cannot be notified: {error}");
+            tracing::warn!("cannot send the state to systemd: {error}; if this continues, systemd restarts the \
+                            service");
         }
     }
 
@@ -258,7 +259,7 @@ impl RequestHandler {
         }
     }
 
-    /// Passes a decision to the state table if it was made on the present step.
+    /// Passes a decision to the state table if it refers to the present step.
     fn pass_decision(&self, request: cycle::Request, step: u64, state: &State) -> RequestKind {
         if step == state.step {
             return RequestKind::Table(request);
@@ -286,13 +287,13 @@ impl RequestHandler {
     fn pass_to_loop(&mut self, mut request: Request) -> Request {
         self.waiting = request.reply.take();
         self.waits_for_reset = matches!(request.what, RequestKind::Table(cycle::Request::Reset));
-        // If the loop refuses the request, this data is restored.
+        // If the loop refuses the request, these data are restored.
         self.earlier_problems = self.problems.clone();
-        // A hold is refused if the cycle is already held, so its author is not the person who held the cycle.
+        // A hold is refused if the cycle is already held; its author is then not the person who held the cycle.
         if request.what.table_request() == Some(cycle::Request::Hold)
             && !matches!(self.state.at, At::Held(_) | At::Holding(_))
         {
-            self.holder = Some(holder(&request));
+            self.holder = Some(hold_author_reason(&request));
         }
         match &request.what {
             RequestKind::Table(asked) => {
@@ -303,7 +304,8 @@ impl RequestHandler {
             }
             RequestKind::Begin(prepared) => {
                 let setup = &prepared.setup;
-                // The data are only remembered here: the state table may refuse the start while another cycle runs.
+                // The data are only remembered here, because the state table may refuse the start while another cycle
+                // runs.
                 self.accepted_start = Some(AcceptedStart {
                     panel: setup.panel_name().to_owned(),
                     grids: setup.panel.grids.iter().map(|grid| grid.id).collect(),
@@ -320,7 +322,7 @@ impl RequestHandler {
         request
     }
 
-    /// Returns the request that follows from the signals so far.
+    /// Returns the request that follows from the signals received so far.
     fn signal_request(&mut self, state: &State) -> Option<Request> {
         if self.signals == 0 {
             return None;
@@ -340,7 +342,7 @@ impl RequestHandler {
     fn signal(&mut self) {
         self.signals = self.signals.saturating_add(1);
         if self.signals == 1 {
-            tracing::info!("a signal requests a stop; a second signal aborts");
+            tracing::info!("a signal was received: the cycle is stopped; a second signal aborts it");
             Self::notify(&[NotifyState::Stopping]);
         } else {
             tracing::warn!("another signal: abort");
@@ -353,14 +355,14 @@ impl RequestHandler {
         self.remember_step(state);
         self.sign.report_working();
         self.parts.supervisor.check_threads()?;
-        // The request that was returned in the last iteration of the loop was accepted: otherwise it would have been
-        // answered already.
+        // The request that was returned in the last iteration of the loop was accepted; a refused request would have
+        // been answered already.
         self.send_answer(RequestResult::Done, self.reasons(state), state);
         self.publish_status(state);
         if let Some(id) = self.ended.take_if(|_| state.at.is_at_rest()) {
             #[expect(
                 clippy::let_underscore_must_use,
-                reason = "without a page writer the record remains, and the page can be made from it later"
+                reason = "the page writer has ended; the record remains, and the page can be created from it later"
             )]
             let _ = self.parts.pages.send(EndedCycle { id, recording: self.parts.recording.finished_recording() });
         }
@@ -450,8 +452,8 @@ impl RequestHandler {
             Refusal::Robot(_) | Refusal::Failed(_) => RequestResult::Fault,
         };
         if matches!(refusal, Refusal::Failed(_)) {
-            // The request was accepted and failed later: the problems that it caused belong to its answer, even if they
-            // are found before its reply is due.
+            // The request was accepted and failed later: the problems that it caused belong to its reply, even if they
+            // are found before the reply is sent.
             self.problems.insert(0, reason);
             if self.waits_for_reset {
                 self.send_answer(exit, self.problems.clone(), &state);
@@ -465,13 +467,13 @@ impl RequestHandler {
     }
 }
 
-/// The last written page, and its cycle. All clones share the same page.
+/// The last written page, and its cycle. Clones share the same page.
 #[derive(Debug, Clone, Default)]
 pub struct LastWrittenPage(Arc<Mutex<Option<(CycleId, PathBuf)>>>);
 
 impl LastWrittenPage {
     /// Records that this page of the cycle was written.
-    pub fn is(&self, cycle: CycleId, page: &Path) {
+    pub fn set_page(&self, cycle: CycleId, page: &Path) {
         *self.lock() = Some((cycle, page.to_owned()));
     }
 
@@ -484,12 +486,12 @@ impl LastWrittenPage {
     }
 }
 
-/// Time between two attempts to open the store.
+/// Interval between two attempts to open the store.
 const RETRY_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Answers each request with the reason why nothing can be executed, until `attempt` succeeds; returns `None` if a
 /// signal ends the wait. The state in the reply is Aborted: nothing moves, and the last action of the cell cannot be
-/// read.
+/// read from the store.
 pub fn wait_for<T>(queue: &RequestQueue, mut attempt: impl FnMut() -> Result<T, Reason>) -> Option<T> {
     let mut is_reported = false;
     loop {
@@ -498,7 +500,7 @@ pub fn wait_for<T>(queue: &RequestQueue, mut attempt: impl FnMut() -> Result<T, 
             Err(why) => why,
         };
         if !std::mem::replace(&mut is_reported, true) {
-            tracing::error!("the service waits: {}", why.message);
+            tracing::error!("the service waits for its store: {}", why.message);
             notify(&[NotifyState::Ready, NotifyState::Status(&why.message)]);
         }
         notify(&[NotifyState::Watchdog]);
@@ -506,7 +508,7 @@ pub fn wait_for<T>(queue: &RequestQueue, mut attempt: impl FnMut() -> Result<T, 
         if matches!(what, RequestKind::Leave) {
             return None;
         }
-        // A request without a reply channel was answered already, and no store is open that could record it.
+        // A request without a reply channel was already answered, and no store is open that could record it.
         for reply in queue.take_followers().into_iter().chain(reply) {
             let answer =
                 if matches!(what, RequestKind::State) { RequestResult::Done } else { RequestResult::Fault };
@@ -517,10 +519,10 @@ pub fn wait_for<T>(queue: &RequestQueue, mut attempt: impl FnMut() -> Result<T, 
     }
 }
 
-/// Notifies systemd; has no effect without systemd.
+/// Sends these states to systemd; has no effect without systemd.
 fn notify(states: &[NotifyState<'_>]) {
     if let Err(error) = sd_notify::notify(states) {
-        tracing::warn!("systemd cannot be notified: {error}");
+        tracing::warn!("cannot send the state to systemd: {error}; if this continues, systemd restarts the service");
     }
 }
 

@@ -1,12 +1,12 @@
-//! The queue of requests to the loop, in the order of their urgency.
+//! The queue of requests to the loop, ordered by their urgency.
 //!
 //! A stop, an abort and a signal have priority over all other requests and are always accepted. Of the other requests,
 //! only a few of each user wait at the same time, so that a client that sends requests continuously cannot block the
 //! other clients.
 //!
-//! An urgent request is also sent to the robot directly when it enters the queue: the abort frame waits neither for the
-//! loop nor for a disk on which the loop waits. The loop then takes the request from the queue, writes it to the
-//! journal and does everything else that belongs to a stop.
+//! An urgent request is also sent directly to the robot when it enters the queue: the abort message waits neither for
+//! the loop nor for a disk for which the loop waits. Afterwards the loop takes the request from the queue, writes it to
+//! the journal and does everything else that belongs to a stop.
 
 use super::request::{Reply, Request, RequestKind};
 use panelprep_devices::robot::StopLine;
@@ -15,8 +15,7 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 use tokio::sync::oneshot;
 
-/// Largest number of requests that wait for the loop, of one user and of all users. Urgent requests are not
-/// counted.
+/// Maximum number of waiting requests of one user, and below it of all users. Urgent requests are not counted.
 const MAX_QUEUED_PER_USER: usize = 8;
 const MAX_QUEUED: usize = 32;
 
@@ -24,7 +23,7 @@ const MAX_QUEUED: usize = 32;
 #[derive(Debug, Clone)]
 pub struct RequestSender(Arc<Shared>);
 
-/// The receiving end of the queue, for the loop. After it is dropped, no more requests are accepted.
+/// The receiving end of the queue, for the loop. After it is dropped, no further requests are accepted.
 #[derive(Debug)]
 pub struct RequestQueue(Arc<Shared>);
 
@@ -37,20 +36,20 @@ struct Shared {
 
 #[derive(Debug, Default)]
 struct Inside {
-    /// The urgent requests, each with the other clients that wait for the reply to the same stop or abort.
+    /// The urgent requests, each with the reply channels of other clients that sent the same stop or abort.
     urgent: VecDeque<(Request, Followers)>,
     others: VecDeque<Request>,
-    /// The other clients that wait for the reply to the urgent request that was taken last.
+    /// The reply channels of the other clients that sent the same urgent request as the one that was taken last.
     followers: Followers,
     is_closed: bool,
 }
 
-/// The channels for more replies to one request.
+/// Reply channels of further clients that sent the same request.
 type Followers = Vec<oneshot::Sender<Reply>>;
 
 impl Inside {
     /// Adds an urgent request. Repeated stops, or repeated aborts, of the same person are merged into one request, so
-    /// that continuous requests of one person cannot block the others. Signals are not merged, because they are
+    /// that a person who sends them continuously cannot block the others. Signals are not merged, because they are
     /// counted.
     fn push_urgent(&mut self, request: Request) {
         let is_same = |(waiting, _): &&mut (Request, Followers)| match (&waiting.what, &request.what) {
@@ -88,23 +87,23 @@ impl Inside {
     }
 }
 
-/// The reason why a request was not accepted.
+/// The reason why a request was not added to the queue.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum RequestQueueError {
     /// The loop has ended.
-    #[error("the service has ended")]
+    #[error("the service has ended; start it again")]
     Ended,
     /// Too many requests are waiting.
     #[error(
         "{waiting} requests are already waiting for a reply; try again later (stop and abort are always accepted)"
     )]
     Full {
-        /// The number of waiting requests of the same user, or of all users.
+        /// The number of waiting requests of this user, or of all users.
         waiting: usize,
     },
 }
 
-/// Creates a new queue and returns both of its ends.
+/// Creates a new queue; returns its sending end and its receiving end.
 pub fn request_queue() -> (RequestSender, RequestQueue) {
     let shared = Arc::new(Shared::default());
     (RequestSender(shared.clone()), RequestQueue(shared))
@@ -112,7 +111,7 @@ pub fn request_queue() -> (RequestSender, RequestQueue) {
 
 impl Shared {
     fn lock(&self) -> MutexGuard<'_, Inside> {
-        // A poisoned lock is harmless: every change under it is complete.
+        // A poisoned lock is harmless, because every change under this lock is complete.
         self.inside.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -121,7 +120,7 @@ impl RequestSender {
     /// Adds a request to the queue according to its urgency.
     ///
     /// # Errors
-    /// If the loop has ended or too many requests are waiting.
+    /// If the loop has ended, or too many requests are waiting.
     pub fn send(&self, request: Request) -> Result<(), RequestQueueError> {
         let mut inside = self.0.lock();
         if inside.is_closed {
@@ -131,8 +130,7 @@ impl RequestSender {
         if is_urgent {
             inside.push_urgent(request);
         } else {
-            // The limit of each user is checked first, so that one client with many requests does not block the
-            // operator.
+            // The limit of each user is checked first, so that a client with many requests does not block the operator.
             let of_user = inside.others.iter().filter(|other| other.requester == request.requester).count();
             let waiting = if of_user < MAX_QUEUED_PER_USER { inside.others.len() } else { of_user };
             if of_user >= MAX_QUEUED_PER_USER || waiting >= MAX_QUEUED {
@@ -141,8 +139,8 @@ impl RequestSender {
             inside.others.push_back(request);
         }
         drop(inside);
-        // The request must be in the queue before the robot's answer to the frame arrives, so that the loop knows the
-        // cause of the stop.
+        // The request must be in the queue before the robot's answer to the abort message arrives, so that the loop
+        // knows the cause of the stop.
         if let Some(line) = self.0.stop_line.get().filter(|_| is_urgent) {
             line.stop();
         }
@@ -150,8 +148,7 @@ impl RequestSender {
         Ok(())
     }
 
-    /// Sets the connection by which urgent requests reach the robot directly, from now on. Only the first one that is
-    /// set is used.
+    /// Sets the connection by which urgent requests reach the robot directly. Only the first call has an effect.
     pub fn set_urgent_line(&self, line: StopLine) {
         #[expect(clippy::let_underscore_must_use, reason = "a program has one robot")]
         let _ = self.0.stop_line.set(line);
@@ -159,9 +156,9 @@ impl RequestSender {
 }
 
 impl RequestQueue {
-    /// Returns the most urgent request; waits at most this long for one. Requests whose client no longer waits are
-    /// discarded and never executed late: the operator was informed of the failure and may be at the panel. Stop and
-    /// Abort are executed in any case.
+    /// Returns the most urgent request; waits at most this time for one. Requests whose client no longer waits are
+    /// discarded and never executed late, because the operator was informed of the failure and may be at the panel.
+    /// Stop and Abort are executed in any case.
     pub fn next(&self, patience: Duration) -> Option<Request> {
         let until = Instant::now() + patience;
         let mut inside = self.0.lock();
@@ -177,8 +174,8 @@ impl RequestQueue {
 }
 
 impl RequestQueue {
-    /// Returns the reply channels of the other clients that wait for the reply to the last urgent request, and removes
-    /// them.
+    /// Removes and returns the reply channels of the other clients that sent the same urgent request as the one taken
+    /// last.
     pub fn take_followers(&self) -> Vec<oneshot::Sender<Reply>> {
         std::mem::take(&mut self.0.lock().followers)
     }
@@ -203,7 +200,7 @@ mod tests {
     use panelprep_devices::robot::{Address, BlockingLink};
     use panelprep_kuka::eki::{CELLCMD, CELLSTAT, ClockMode, Epoch, LinkLimits, Report};
 
-    /// Returns a controller that runs by the wall clock, and the link to it.
+    /// Returns a controller that runs by the wall clock, and the connection to it.
     fn linked() -> (MockServer, BlockingLink) {
         let [commands, states] = [CELLCMD, CELLSTAT].map(|text| ChannelFile::parse(text).expect("a shipped file"));
         let setup = Setup { clock: Clock::Free, ..Setup::new(commands, states) };
@@ -221,7 +218,7 @@ mod tests {
         (0..100).any(|_| link.next(Duration::from_secs(5)).is_some_and(|report| is_it(&report)))
     }
 
-    /// The loop does not take the request, as if it waited for its disk: the robot is stopped nevertheless. A hold
+    /// The loop does not take the request, as if it waited for its disk. The robot is stopped nevertheless. A hold
     /// waits for the loop.
     #[test]
     fn a_stop_goes_to_the_robot_before_the_loop_sees_it() {

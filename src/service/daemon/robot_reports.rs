@@ -1,10 +1,10 @@
 //! Reports of the robot and of its compliant tool. A report of the robot becomes an event of the state table, the
 //! answer to the pending action, or both.
 //!
-//! The tool receives the command for the present position of the arm, and its reports may end a contact path. In each
-//! iteration of the loop the tool's reports are read and compared with the state that is expected at the arm's
-//! position. A deviation is recorded as a finding, the tool is retracted, and the state table ends the path: the
-//! robot's own program switches the tool off and retracts the arm.
+//! In each iteration of the loop, the tool receives the command for the present position of the arm, and its reports
+//! are compared with the state that is expected at this position. A deviation is recorded as a finding, the tool is
+//! retracted, and the state table ends the contact path: the robot's own program switches the tool off and retracts the
+//! arm.
 
 use super::answers::reason;
 use super::error::DaemonError;
@@ -24,7 +24,7 @@ use panelprep_kuka::eki::{CONTACT_OVERRIDE_PERCENT, Mode, Refusal, StopCause, Ti
 use panelprep_toolpath::path::routes::waypoints;
 use panelprep_toolpath::path::trace::{PoseReport, path_deviation_mm};
 
-/// Ratio of the deviation that ends a contact path at once to the deviation that leads to a review.
+/// Ratio of the deviation that aborts a contact path immediately to the deviation that requires a review.
 const ABORT_DEVIATION_RATIO: f64 = 4.0;
 
 impl LoopMemory<'_> {
@@ -53,7 +53,7 @@ impl LoopMemory<'_> {
                 );
             }
             R::Progress { done } => self.on_executed(done)?,
-            // The end of a path is handled when a state reports that the robot is at rest there.
+            // The end of a path is handled when a state reports that the robot is stationary at the end.
             R::PathDone { .. } => {}
             R::Standstill { done } => self.on_standstill(done),
             R::Refused { refusal, id } => {
@@ -86,7 +86,8 @@ impl LoopMemory<'_> {
             }
             R::SequenceError(error) => self.on_epoch_over(Trouble::Sequence, reason("sequence", &error))?,
             R::WatchdogExpired { channel, silence } => {
-                let words = format!("nothing was received on the {channel} for {} ms", silence.as_millis());
+                let words = format!("no message was received on the {channel} for {} ms; check the cable and the \
+                                     robot program", silence.as_millis());
                 self.on_epoch_over(Trouble::Late, Reason::new("watchdog", words))?;
             }
         }
@@ -96,17 +97,17 @@ impl LoopMemory<'_> {
     fn handle_state(&mut self, state: &eki::State) -> Result<(), DaemonError> {
         self.robot_state = Some(*state);
         self.track_contact_path(state)?;
-        // Handled after the motion: if a state shows both the end of a path and an open guard, the path has ended
+        // Handled after the motion: if a state reports both the end of a path and an open guard, the path has ended
         // first.
         self.on_robot_condition(condition(state, self.cell.programs_sum));
         let is_full = state.override_percent == CONTACT_OVERRIDE_PERCENT;
-        // Only changes become events: each event is a line of the journal, and states arrive ten times a second.
+        // Only changes become events, because each event is a line of the journal and states arrive ten times a second.
         if self.full_override.replace(is_full) != Some(is_full) {
             self.events.push_back(Event::Reported(Report::FullOverride(is_full)));
         }
         self.watch_outputs(state)?;
         let facts = &self.state.facts;
-        // While the cell works, the actions themselves prove that the outputs are off.
+        // While a cycle is running, the actions themselves prove that the outputs are off.
         let asks = self.state.at.is_at_rest() && (facts.tool_may_run || facts.water_may_run);
         if asks && self.cell.wiring.tool_is_off(state) && self.cell.wiring.water_is_off(state) {
             self.events.push_back(Event::Reported(Report::OutputsOff));
@@ -121,8 +122,8 @@ impl LoopMemory<'_> {
         self.feedback_contradiction = FeedbackContradiction::default();
         let why = contrary_reason(switch, &self.cell.wiring, state);
         if self.state.at.is_at_rest() || matches!(self.state.at, At::Completing { .. }) {
-            // At rest, the displayed reason must remain the one for which the cell rests. If a cycle has its result
-            // already, the contradiction has no effect on it.
+            // While the cell is idle, the displayed reason must remain the reason of this state. If a cycle already has
+            // its result, the contradiction has no effect on the result.
             tracing::warn!("{}", why.message);
         } else {
             self.record_problem(Kind::Robot, vec![why])?;
@@ -131,7 +132,7 @@ impl LoopMemory<'_> {
         Ok(())
     }
 
-    /// Records, for an action on a switch whose deadline has passed, which feedback was missing.
+    /// Records which feedback was missing when the deadline of a switching action passed.
     pub(super) fn record_unproven_switch(&mut self, over: Report) -> Result<(), DaemonError> {
         let Report::Deadline { id: over, which: Deadline::Answer } = over else { return Ok(()) };
         let switch = self.pending_action.as_ref().filter(|pending| pending.id == over).map(|pending| pending.act);
@@ -157,7 +158,7 @@ impl LoopMemory<'_> {
         }
     }
 
-    /// Records the reason for which the link ended the epoch, and reports the end to the state table.
+    /// Records the reason for which the connection ended the epoch, and reports the end to the state table.
     fn on_epoch_over(&mut self, trouble: Trouble, words: Reason) -> Result<(), DaemonError> {
         self.record_problem(Kind::Robot, vec![words])?;
         self.events.push_back(Event::Reported(Report::EpochOver { trouble: Some(trouble) }));
@@ -179,16 +180,16 @@ impl LoopMemory<'_> {
         let Some((off_mm, allowed_mm)) = self.path_deviation_mm(sent, done, state) else { return Ok(()) };
         let [off, allowed] = distinguishable_texts(off_mm, allowed_mm, 2);
         let message = format!(
-            "in contact the measured TCP is {off} mm off the planned path (limit {allowed} mm): an axis slips, or \
-             an object pushes the arm; the cycle is aborted"
+            "during contact the measured TCP is {off} mm off the planned path (limit {allowed} mm): an axis slips, \
+             or an object pushes the arm; the cycle is aborted"
         );
         self.record_problem(Kind::Robot, vec![Reason::new("deviation", message)])?;
         self.events.push_back(Event::Reported(Report::Trouble(Trouble::Deviation)));
         Ok(())
     }
 
-    /// Returns the measured distance of the TCP from the planned path, and its limit, mm, if the distance exceeds the
-    /// limit. Smaller deviations are judged at the end of the path.
+    /// Returns the measured distance of the TCP from the planned path, and the limit, mm, if the distance exceeds the
+    /// limit. Smaller deviations are evaluated at the end of the path.
     fn path_deviation_mm(&self, sent: SentPath, done: u32, state: &eki::State) -> Option<(f64, f64)> {
         let cycle = self.cycle_setup()?;
         let allowed_mm = ABORT_DEVIATION_RATIO * deviation_limit_mm(cycle.recipe.path());
@@ -214,7 +215,7 @@ fn condition(state: &eki::State, programs_sum: Option<i32>) -> cycle::Robot {
 }
 
 impl LoopMemory<'_> {
-    /// Reads the tool's reports, and sends the tool the command that is due; returns true if this causes an event.
+    /// Reads the reports of the tool, and sends it the next command; returns true if this causes an event.
     pub(super) fn update_tool(&mut self, now: Time) -> Result<bool, DaemonError> {
         let cell = self.cell.clone();
         let Some(tool) = &cell.tool else { return Ok(false) };
@@ -243,7 +244,7 @@ impl LoopMemory<'_> {
         Ok(true)
     }
 
-    /// Returns the number of waypoints of a contact path that the arm has reached; `None` if no contact path is in
+    /// Returns the number of waypoints of the contact path that the arm has reached; `None` if no contact path is in
     /// progress.
     fn contact_reached(&self) -> Option<usize> {
         let is_contact = |pending: &PendingAction| match (pending.act, &pending.waits) {
@@ -254,7 +255,7 @@ impl LoopMemory<'_> {
         Some(sent.waypoints(self.robot_state?.done) as usize)
     }
 
-    /// Returns the vertical component of the tool's direction, −1…1; it is positive downwards.
+    /// Returns the vertical component of the tool's direction, −1 to 1; positive downwards.
     fn tool_downwards(&self) -> f64 {
         let base_from_tool = self
             .robot_state
@@ -262,7 +263,7 @@ impl LoopMemory<'_> {
         base_from_tool.map_or(0.0, |base_from_tool| down_cosine(&base_from_tool))
     }
 
-    /// Begins the force set-points of a contact path.
+    /// Begins to send the force set-points of a contact path.
     pub(super) fn begin_pressing(&mut self, motion: Motion) {
         let (cell, Some(cycle)) = (self.cell.clone(), self.cycle.clone()) else { return };
         let Some(tool) = &cell.tool else { return };
@@ -272,8 +273,8 @@ impl LoopMemory<'_> {
         }
     }
 
-    /// Returns whether the tool's state permits the arm to move towards the panel; if not, the action fails and the
-    /// reason is recorded.
+    /// Returns whether the state of the tool permits the arm to move towards the panel; if not, the action fails and
+    /// the reason is recorded.
     pub(super) fn tool_permits_motion(&mut self, id: Id, path: Path) -> Result<bool, RecordError> {
         let cell = self.cell.clone();
         let Some(tool) = cell.tool.as_ref().filter(|_| matches!(path, Path::Approach | Path::Contact)) else {
@@ -286,7 +287,7 @@ impl LoopMemory<'_> {
         Ok(false)
     }
 
-    /// Returns the problem that the self-test finds at the tool.
+    /// Returns the problem of the tool that the self-test finds.
     pub(super) fn tool_problem(&mut self) -> Option<(Trouble, Reason)> {
         let (cell, now) = (self.cell.clone(), self.ports.robot_now());
         self.press_state.motion_refusal(cell.tool.as_ref()?, now).map(|why| (Trouble::Force, why))

@@ -1,5 +1,5 @@
-//! The loop itself: the same for a service, a single cycle and a replay. Each request is recorded with its author and
-//! its result.
+//! The main loop: the same for a service, a single cycle and a replay. Each request is recorded with its author and its
+//! result.
 
 use super::abrasion::AbrasionWork;
 use super::answers::reason;
@@ -25,7 +25,7 @@ use panelprep_vision::inspect::Inspection;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// Shortest interval between two recorded stops or aborts of the same person that have no effect.
+/// Minimum interval between two recorded stops or aborts of the same person that have no effect.
 const MIN_REFUSAL_INTERVAL: Duration = Duration::from_secs(1);
 
 /// The ports to which the loop is connected.
@@ -36,47 +36,47 @@ pub struct LoopPorts<'a> {
     pub tool: &'a mut dyn ToolPort,
     /// The record.
     pub record: &'a mut dyn RecordPort,
-    /// The source of requests.
+    /// The source of requests to the loop.
     pub requests: &'a mut dyn RequestPort,
-    /// The queue of camera and computing work; it owns the cameras.
+    /// The queue of camera and computing actions; it owns the cameras.
     pub computing: Computing<'a>,
     /// Whether time passes only while the loop waits for the robot's next report.
     pub lock_step: bool,
 }
 
-/// The inputs with which the loop starts.
+/// The data with which the loop starts.
 pub struct LoopStart {
     /// The cell.
     pub cell: Arc<CellSetup>,
-    /// The cycle, if only this one is run; `None` if cycles are requested one after the other.
+    /// The cycle, if the loop runs only this cycle; `None` if cycles are requested one after the other.
     pub cycle: Option<Arc<CycleSetup>>,
     /// The state at the end of the journal.
     pub state: State,
-    /// The loop's memory in addition to the state.
+    /// The data that the loop keeps from before, in addition to the state.
     pub before: LoopMemoryStart,
 }
 
-/// Result of the loop.
+/// The result of the loop.
 #[derive(Debug)]
 pub struct LoopOutcome {
     /// The state at the end of the loop.
     pub state: State,
-    /// The last verdict, if a cycle ran.
+    /// The verdict of the last cycle, if a cycle ran.
     pub verdict: Option<Verdict>,
     /// The pose of the panel.
     pub base_from_panel: Option<Rigid<Base, Panel>>,
-    /// The inspections of the water film, in order of time.
+    /// The inspections of the water film, ordered by time.
     pub inspections: Vec<Arc<Inspection>>,
-    /// The number of passes that abraded each grid, for the grids that were abraded.
+    /// For each sanded grid, the number of passes that sanded it.
     pub passes: Vec<(GridId, usize)>,
 }
 
-/// Runs the loop until a request to leave arrives in a state of rest. A service, a single cycle and a replay use this
-/// same loop with different ports.
+/// Runs the loop until a request to leave arrives while the cell is idle. A service, a single cycle and a replay use
+/// this same loop with different ports.
 ///
 /// # Errors
-/// If the record cannot be written, or a thread of the program failed: the robot is commanded to stop, and nothing
-/// more is done.
+/// If the record cannot be written, or a thread of the program failed. In both cases the robot is commanded to stop,
+/// and nothing else is done.
 pub fn run(start: LoopStart, ports: LoopPorts<'_>) -> Result<LoopOutcome, DaemonError> {
     let LoopStart { cell, cycle, state, before } = start;
     let LoopPorts { robot, tool, record, requests, computing, lock_step } = ports;
@@ -123,10 +123,10 @@ impl LoopMemory<'_> {
         Ok(())
     }
 
-    /// Processes one event: writes the journal, calculates the step and performs its effects.
+    /// Processes one event: writes the journal, computes the step and performs its effects.
     pub(super) fn process_event(&mut self, event: Event) -> Result<(), DaemonError> {
         // Checked before the journal is written: a client that repeats a stop many times a second would fill the disk
-        // with lines that have no effect.
+        // with entries that have no effect.
         if let Some((request, refusal)) = self.refused_just_now(event) {
             self.ports.requests.publish(LoopEvent::Refused(request, refusal));
             return Ok(());
@@ -154,12 +154,13 @@ impl LoopMemory<'_> {
         if state.job.running && !before.job.running {
             self.record_clock()?;
         }
-        // An action that the state table no longer requires is abandoned.
+        // An action that the state table no longer requires is discarded.
         if self.pending_action.take_if(|pending| state.due.is_none_or(|due| due.id != pending.id)).is_some() {
             self.computing.abandon();
         }
         let ends = effects.contains(&Effect::Conclude { verdict: Verdict::Aborted });
-        // The effects are performed in the state table's order: an intent is on the disk before its motion is sent.
+        // The effects are performed in the order of the state table: an intent is on the disk before its motion is
+        // sent.
         effects.into_iter().try_for_each(|effect| self.perform(event, effect))?;
         self.record_request(event, refused)?;
         if ends && event == Event::Asked(cycle::Request::Stop) {
@@ -175,8 +176,8 @@ impl LoopMemory<'_> {
     }
 
     /// Returns the refusal if this is a stop or an abort that has no effect, and the same request of the same person
-    /// was refused and recorded a moment ago. Stop and abort may be requested at any time, and each line of the record
-    /// uses disk space.
+    /// was refused and recorded a short time ago. Stop and abort may be requested at any time, and each entry of the
+    /// record uses disk space.
     fn refused_just_now(&mut self, event: Event) -> Option<(cycle::Request, Refusal)> {
         let Event::Asked(request @ (cycle::Request::Stop | cycle::Request::Abort)) = event else { return None };
         let (_, effects) = step(self.state, event);
@@ -208,7 +209,7 @@ impl LoopMemory<'_> {
             if let Some(why) = self.ports.record.disk_full_reason() {
                 self.is_disk_full = true;
                 if matches!(self.state.at, At::Completing { .. } | At::Complete { .. }) {
-                    // A full disk has no effect on a cycle that has its result already.
+                    // A full disk has no effect on a cycle that already has its result.
                     tracing::warn!("{}", why.message);
                     self.ports.requests.publish(LoopEvent::Noted(vec![why]));
                 } else {
@@ -216,8 +217,8 @@ impl LoopMemory<'_> {
                 }
                 return Ok(Some(Event::Reported(Report::Trouble(Trouble::DiskFull))));
             }
-            // After each request, the deadlines, the tool and the robot are processed first, even if more requests
-            // wait.
+            // After each request, the deadlines, the tool and the robot are processed first, even if further requests
+            // are waiting.
             let has_turn = !std::mem::take(&mut self.has_accepted_request);
             let request = if has_turn { self.ports.requests.next(&self.state)? } else { None };
             if let Some(request) = request {
@@ -230,8 +231,8 @@ impl LoopMemory<'_> {
                 }
             }
             let now = self.ports.robot.now();
-            // Deadlines are processed before the robot's next report: a report after the deadline must not count only
-            // because it was read first.
+            // Deadlines are processed before the robot's next report; otherwise a report after the deadline would be
+            // accepted if it happened to be read first.
             if let Some(report) = self.deadlines.take_expired(now) {
                 self.record_unproven_switch(report)?;
                 return Ok(Some(Event::Reported(report)));
@@ -252,7 +253,7 @@ impl LoopMemory<'_> {
         }
     }
 
-    /// Processes a request: returns the event that it causes, or executes it here.
+    /// Processes a request: returns the event that it causes, or executes it directly.
     fn process_request(
         &mut self,
         Request { what, requester: who, .. }: Request,
@@ -262,7 +263,7 @@ impl LoopMemory<'_> {
             && let Some(why) = self
                 .control
                 .refusal(request, self.requester.front, self.robot_state.as_ref())
-                .or_else(|| self.unproven_start(request, &what))
+                .or_else(|| self.unproven_start_reason(request, &what))
         {
             self.ports.requests.publish(LoopEvent::NotPermitted(vec![why.clone()]));
             self.record_answer(
@@ -293,7 +294,7 @@ impl LoopMemory<'_> {
                 let event = self.begin_cycle(*prepared);
                 self.events.extend(event);
             }
-            RequestKind::NewDisc => self.new_disc()?,
+            RequestKind::NewDisc => self.record_new_disc()?,
             RequestKind::Refused { wanted, reasons } => {
                 self.record_answer(wanted, self.requester.clone(), (Answer::Refused, reasons))?;
             }
@@ -310,9 +311,9 @@ impl LoopMemory<'_> {
         Ok(RequestOutcome::Done)
     }
 
-    /// Returns why the proofs of the controller do not permit this start. Each motion is checked again when it begins;
-    /// at this point, nothing is recorded and no film is made yet.
-    fn unproven_start(&self, request: cycle::Request, what: &RequestKind) -> Option<Reason> {
+    /// Returns the reason why the acceptance tests of the controller do not permit this start. Each motion is checked
+    /// again when it begins; the check at the start avoids a film and a record for a cycle that cannot move.
+    fn unproven_start_reason(&self, request: cycle::Request, what: &RequestKind) -> Option<Reason> {
         let setup = match what {
             RequestKind::Begin(prepared) => Some(&prepared.setup),
             _ => self.cycle_setup(),
@@ -321,7 +322,7 @@ impl LoopMemory<'_> {
         self.cell.proofs.refusal(needed, self.robot_state.as_ref())
     }
 
-    /// Returns whether the disk was found full and is still full; if so, informs the client.
+    /// Returns whether the disk was full at the last check and is still full; if so, informs the client.
     fn is_disk_still_full(&mut self) -> bool {
         let wrong = if self.is_disk_full { self.ports.record.disk_space_problems() } else { vec![] };
         self.is_disk_full = !wrong.is_empty();
@@ -331,7 +332,7 @@ impl LoopMemory<'_> {
         self.is_disk_full
     }
 
-    /// Accepts the result of the computation, if it is ready; waits at most this long for it.
+    /// Accepts the result of the computation if it is ready; waits at most this time for it.
     fn accept_computation(&mut self, patience: Duration) -> Result<bool, DaemonError> {
         let ready = self.computing.ready(patience);
         if !ready.is_some_and(|id| self.ports.requests.admit_requests(id)) {
@@ -346,7 +347,7 @@ impl LoopMemory<'_> {
     /// Accepts a prepared cycle and returns the event of its start. If the state table refuses the start, or the record
     /// cannot begin, nothing is changed.
     fn begin_cycle(&mut self, prepared: PreparedCycle) -> Option<Event> {
-        // The step is computed first: if the state table refuses the cycle, no row may be in the record.
+        // The step is computed first: if the state table refuses the cycle, the record must not contain an entry of it.
         let event = Event::Asked(prepared.request);
         let (_, effects) = step(self.state, event);
         if effects.iter().any(|effect| matches!(effect, Effect::Refuse { .. })) {
@@ -355,7 +356,8 @@ impl LoopMemory<'_> {
         match self.ports.record.begin(prepared.start) {
             Ok(cycle) => {
                 let (robot, armed) = (self.robot_state.map(Box::new), self.deadlines.to_recording());
-                // The next panel may have another frame: both frames share the displacement from the nominal pose.
+                // The next panel may have another frame; its displacement from the nominal pose is used for both
+                // frames.
                 let nominal = self.cycle_setup().map(|cycle| cycle.panel.nominal_pose);
                 let moved = self.perception.panel_pose().zip(nominal);
                 let moved = moved.map(|(place, nominal)| KukaPose::from_rigid(&(place * nominal.inverse())));
@@ -373,7 +375,7 @@ impl LoopMemory<'_> {
         self.cycle = Some(Arc::new(prepared.setup));
         self.remarks = prepared.remarks;
         (self.perception, self.abrasion, self.verdict) = (Perception::default(), AbrasionWork::default(), None);
-        // Earlier reports of the tool are not part of this cycle's recording: the tool is read and commanded again.
+        // Earlier reports of the tool are not part of this cycle's recording; the tool is read and commanded again.
         (self.trace, self.sent_path, self.press_state) = (Trace::default(), None, PressState::default());
         self.executed_at_stop = 0;
         Some(event)
@@ -389,7 +391,7 @@ impl LoopMemory<'_> {
             Effect::OpenIntent(motion) => self.open_intent(&motion)?,
             Effect::CloseIntent { motion, outcome, done } => self.close_intent(&motion, outcome, done)?,
             Effect::Conclude { verdict } => {
-                // A cycle that an earlier process left unfinished is concluded before the clock of this process is
+                // A cycle that an earlier process did not complete is concluded before the clock of this process is
                 // known.
                 if self.condition != cycle::Robot::Unknown {
                     self.record_clock()?;
@@ -403,7 +405,8 @@ impl LoopMemory<'_> {
                     tracing::error!(
                         table = verdict.keyword(),
                         record = kept.keyword(),
-                        "the verdict of the findings is worse than the verdict of the cycle's state table"
+                        "internal fault: the verdict of the findings is worse than the verdict of the cycle's state \
+                         table; the worse verdict is used"
                     );
                 }
                 let verdict = kept;
@@ -433,7 +436,7 @@ impl LoopMemory<'_> {
         })
     }
 
-    /// Returns the time limit of the action that is due, s.
+    /// Returns the time limit of the present action, s.
     fn answer_timeout_s(&self) -> f64 {
         match self.state.due.map(|due| due.act) {
             Some(Action::Move(motion)) => {
@@ -460,19 +463,19 @@ impl LoopMemory<'_> {
 enum RequestOutcome {
     /// The request becomes an event for the cycle's state table.
     TableEvent(Event),
-    /// The request was handled here.
+    /// The request was executed directly.
     Done,
-    /// The program must end, if the cell is at rest.
+    /// The program must end, if the cell is idle.
     Leave,
 }
 
-/// Time limits for an answer, s: of a switch with its feedback, of a computation, of a motion through the air, and of a
-/// film in addition to its observation time.
+/// Time limits for the answer to an action, s: for a switch with its feedback, and below it for a computation, for a
+/// motion through the air, and for a film in addition to its observation time.
 const FEEDBACK_S: f64 = 5.0;
 const COMPUTING_TIMEOUT_S: f64 = 60.0;
 const AIR_MOTION_TIMEOUT_S: f64 = 120.0;
 const FILM_TIMEOUT_MARGIN_S: f64 = 10.0;
-/// Time limit if there is no recipe, as before the first cycle: the longest one that a recipe may state.
+/// Time limit without a recipe, as before the first cycle, s: the maximum that a recipe may contain.
 const DEFAULT_TIME_LIMIT_S: f64 = 600.0;
 /// Maximum time for which the loop waits for a computation before it checks its other inputs.
 const COMPUTATION_POLL_TIMEOUT: Duration = Duration::from_millis(5);
@@ -481,8 +484,8 @@ const COMPUTATION_POLL_TIMEOUT: Duration = Duration::from_millis(5);
 const MAX_DURATION_RATIO: f64 = 5.0;
 
 impl LoopMemory<'_> {
-    /// Records a request after its event's effects, and whether the request was refused. A reset that fails later is
-    /// recorded on a separate line, since it was accepted before.
+    /// Records a request after the effects of its event, and whether the request was refused. A reset that fails later
+    /// is recorded in a separate entry, because it was accepted before.
     pub(super) fn record_request(
         &mut self,
         event: Event,
@@ -516,7 +519,7 @@ impl LoopMemory<'_> {
         }
     }
 
-    /// Records one request with its answer.
+    /// Records one request with its reply.
     pub(super) fn record_answer(
         &mut self,
         wanted: RequestedAction,
@@ -528,20 +531,20 @@ impl LoopMemory<'_> {
         Ok(self.ports.record.perform_and_forget(RecordCommand::Asked(asked))?)
     }
 
-    /// Records that a new disc was mounted, if the cell is at rest.
-    pub(super) fn new_disc(&mut self) -> Result<(), DaemonError> {
+    /// Records that a new disc was mounted, if the cell is idle.
+    pub(super) fn record_new_disc(&mut self) -> Result<(), DaemonError> {
         if self.state.at.is_at_rest() {
             self.ports.record.perform_and_forget(RecordCommand::MountDisc)?;
             self.ports.requests.publish(LoopEvent::DiscMounted);
             return self.record_answer(RequestedAction::NewDisc, self.requester.clone(), (Answer::Done, vec![]));
         }
-        let message = "a disc can be changed only while the cell is at rest: held, idle or stopped";
+        let message = "a disc can be changed only while the cell is held, idle or stopped";
         let reasons = vec![Reason::new("not_now", message)];
         self.ports.requests.publish(LoopEvent::Unable(reasons.clone()));
         self.record_answer(RequestedAction::NewDisc, self.requester.clone(), (Answer::Refused, reasons))
     }
 
-    /// Records the clock's time: when a cycle begins, and when it is concluded.
+    /// Records the time of the clock, when a cycle begins and when it is concluded.
     pub(super) fn record_clock(&mut self) -> Result<(), DaemonError> {
         let clock = match self.lock_step {
             true => {

@@ -1,5 +1,5 @@
-//! The memory of the loop: the action in progress and the event for which it waits, the path that was sent last, the
-//! limit up to which a contact path may continue, and the armed deadlines.
+//! The memory of the loop: the action in progress and the event for which it waits, the last sent path, the last
+//! permitted waypoint of a contact path, and the active deadlines.
 
 use super::abrasion::AbrasionWork;
 use super::computing::Computing;
@@ -24,7 +24,7 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// All ports except the cameras, which are used by the computing thread.
+/// All ports except the cameras, which the computing thread uses.
 pub(super) struct OtherPorts<'a> {
     pub robot: CalibratedRobot<'a>,
     pub tool: &'a mut dyn ToolPort,
@@ -42,9 +42,9 @@ impl OtherPorts<'_> {
 /// The memory of the loop; the memory of the state table is [`State`].
 pub(super) struct LoopMemory<'p> {
     pub cell: Arc<CellSetup>,
-    /// The setup of the cycle; `None` before the first cycle.
+    /// The data of the cycle; `None` before the first cycle.
     pub cycle: Option<Arc<CycleSetup>>,
-    /// Whether the loop runs only this one cycle.
+    /// Whether the loop runs only this cycle.
     pub is_single: bool,
     pub lock_step: bool,
     pub computing: Computing<'p>,
@@ -59,34 +59,34 @@ pub(super) struct LoopMemory<'p> {
     pub press_state: PressState,
     pub pending_action: Option<PendingAction>,
     pub sent_path: Option<SentPath>,
-    /// The displacement of the panel from its nominal pose, as the earlier cycles last found it, in the base.
+    /// The displacement of the panel from its nominal pose in the base frame, as the last localized cycle found it.
     pub last_panel_motion: Option<KukaPose>,
-    /// The axis positions at the end of the last path. `None` after a stop, an abort, a lost robot or a start of the
-    /// program, and during a motion.
+    /// The axis positions at the end of the last path. `None` after a stop, an abort, a lost connection or a start of
+    /// the program, and during a motion.
     pub axes_at_path_end: Option<Joints>,
-    /// Remarks for the record on the last accepted start.
+    /// Remarks on the last accepted start, for the record.
     pub remarks: Vec<Reason>,
-    /// Number of executed waypoints of the path whose epoch was ended last. It is kept until the next motion, because
+    /// Number of executed waypoints of the path whose epoch ended last. It is kept until the next motion, because
     /// another answer may replace the answer that reports it.
     pub executed_at_stop: u32,
     pub robot_state: Option<eki::State>,
     pub condition: cycle::Robot,
-    /// The last report to the state table about the override; `None` before the first report.
+    /// Whether the override was reported as 100 % to the state table; `None` before the first report.
     pub full_override: Option<bool>,
     /// Contradictions between the reported states and the proven states of the outputs.
     pub feedback_contradiction: FeedbackContradiction,
     pub verdict: Option<Verdict>,
-    /// The author of the request that the loop took last.
+    /// The author of the request that the loop received last.
     pub requester: RequestAuthor,
     /// Which side may command the cell.
     pub control: Control,
-    /// Whether the cell has warned of a motion since it last rested.
+    /// Whether the warning was given before a motion since the cell was last idle.
     pub has_warned: bool,
     /// Whether the disk was full at the last check.
     pub is_disk_full: bool,
     /// Whether the loop has accepted a request since it last read the robot.
     pub has_accepted_request: bool,
-    /// The last refused stop or abort, its author, and when it was recorded.
+    /// The last refused stop or abort, its author, and the time at which it was recorded.
     pub last_refused: Option<(cycle::Request, RequestAuthor, Time)>,
 }
 
@@ -132,7 +132,7 @@ impl<'p> LoopMemory<'p> {
         }
     }
 
-    /// Restores the memory with which another loop began a cycle.
+    /// Restores the data with which another loop began a cycle.
     pub(super) fn restore_memory(&mut self, before: LoopMemoryStart) {
         if let LoopMemoryStart::Cycle { robot, armed, place } = before {
             self.last_panel_motion = place;
@@ -160,19 +160,19 @@ pub(super) struct PendingAction {
 /// The events for which an action can wait.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Condition {
-    /// Waits until the robot is at rest.
+    /// Waits until the robot is stationary.
     Standing,
     /// The requested epoch.
     Epoch,
-    /// Waits for the end of the epoch, with tool and water proven to be off; `done` is the number of executed waypoints
-    /// after it is reported.
+    /// Waits for the end of the epoch with tool and water proven off. `done` is the number of executed waypoints, after
+    /// it is reported.
     EpochEnd { done: Option<u32> },
     /// Waits until the commands for base and tool are executed and the controller reports the new frames.
     Frames(CommandId),
-    /// Waits until the outputs are set and the feedback proves it.
+    /// Waits until the outputs are set and the feedback confirms it.
     Feedback { last: CommandId, proof: SwitchProof },
-    /// Waits until the warning of the motion was on for long enough, counted from the first state that reports the
-    /// output as on.
+    /// Waits until the warning before the motion was on for its required time, which begins with the first state that
+    /// reports the output as on.
     Warned {
         /// The command that switches the warning output on.
         last: CommandId,
@@ -180,12 +180,12 @@ pub(super) enum Condition {
         until: Option<Time>,
     },
     /// The command could not be sent, because the epoch had ended. Waits for the report of the stop that ended the
-    /// epoch; if there was no stop, the action fails.
+    /// epoch; if no stop is reported, the action fails.
     NoEpoch {
         /// Number of further robot states until the action fails.
         states: u8,
     },
-    /// Waits until the arm is in the ready pose, from which a linear motion may begin.
+    /// Waits until the arm is at the ready pose, from which a linear motion may begin.
     Ready(CommandId),
     /// Waits for the end of a path.
     PathEnd,
@@ -195,7 +195,7 @@ pub(super) enum Condition {
     Film,
 }
 
-/// The commanded end of a path.
+/// The commanded pose at the end of a path.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum PathEndPose {
     Joints(Joints),
@@ -214,7 +214,7 @@ pub(super) struct SentPath {
 }
 
 impl SentPath {
-    /// Returns which path was sent.
+    /// Returns the kind of the sent path.
     pub fn path(&self) -> Path {
         self.motion.path
     }
@@ -224,7 +224,7 @@ impl SentPath {
         self.first
     }
 
-    /// Returns the number of executed waypoints, if the commands up to this one are executed.
+    /// Returns the number of executed waypoints if the commands up to `done` are executed.
     pub fn waypoints(&self, done: CommandId) -> u32 {
         if matches!(self.motion.path, Path::Contact | Path::Air) {
             (done.0 + 1).saturating_sub(self.first.0).min(self.motion.waypoints)
@@ -234,22 +234,22 @@ impl SentPath {
     }
 }
 
-/// Minimum duration of the permitted motion ahead of the arm, in windows of the link. If less is left, more waypoints
-/// are permitted, up to `MAX_WINDOWS`.
+/// Minimum duration of the permitted motion ahead of the arm, in windows of the connection. If less remains, further
+/// waypoints are permitted, up to `MAX_WINDOWS`.
 const MIN_WINDOWS: f64 = 2.0;
 
 const MAX_WINDOWS: f64 = 4.0;
 
-/// Minimum number of waypoints that are permitted ahead, whatever their duration.
+/// Minimum number of permitted waypoints ahead of the arm, whatever their duration.
 const MIN_AHEAD_WAYPOINTS: u32 = 16;
 
-/// The data of the contact path in progress that the record needs.
+/// Data of the contact path in progress that are needed for its record.
 #[derive(Debug, Default)]
 pub(super) struct PathProgress {
-    /// Wear of the disc that is already counted for this path, mm².
+    /// Wear of the disc that is already recorded for this path, mm².
     pub reserved_mm2: f64,
-    /// The time at which each waypoint is reached at the planned feed, s; the first one is the air point at which the
-    /// path begins.
+    /// The time at which each waypoint is reached at the planned feed, s; the first waypoint is the air point at which
+    /// the path begins.
     reached_s: Vec<f64>,
     window_s: f64,
     /// Number of waypoints that may be sent.
@@ -271,8 +271,8 @@ impl PathProgress {
         self.reached_s.get(waypoint as usize).or(self.reached_s.last()).copied().unwrap_or(0.0)
     }
 
-    /// Returns the new number of permitted waypoints when `done` waypoints are executed; `None` if no more need to be
-    /// permitted now.
+    /// Returns the new number of permitted waypoints after `done` waypoints are executed; `None` if no further waypoint
+    /// needs to be permitted now.
     pub fn new_permission(&self, done: u32) -> Option<u32> {
         let (all, now_s) = (self.waypoint_count(), self.time_of_waypoint_s(done));
         let ahead_s = self.time_of_waypoint_s(self.permitted) - now_s;
@@ -304,7 +304,7 @@ pub(super) struct Deadlines {
 
 impl Deadlines {
     pub fn arm(&mut self, id: Id, which: Deadline, at: Time) {
-        // There is one deadline of each kind: an older one belongs to an action that has ended.
+        // Only one deadline of each kind is active: an older one belongs to an action that has ended.
         self.armed.retain(|armed| armed.deadline != which);
         self.armed.push(ArmedDeadline { id, deadline: which, time: at });
     }
@@ -314,7 +314,7 @@ impl Deadlines {
         self.armed.retain(|armed| !(armed.id == id && armed.deadline == Deadline::Answer));
     }
 
-    /// Returns the armed deadlines for a recording.
+    /// Returns the active deadlines in the form of a recording.
     pub fn to_recording(&self) -> Vec<tape::ArmedDeadline> {
         let to_armed = |armed: &ArmedDeadline| {
             let at_ns = u64::try_from(armed.time.since_start().as_nanos()).unwrap_or(u64::MAX);
@@ -332,7 +332,7 @@ impl Deadlines {
         deadlines
     }
 
-    /// Returns the earliest deadline that is over, and removes it.
+    /// Removes and returns the earliest deadline that has passed.
     pub fn take_expired(&mut self, now: Time) -> Option<Report> {
         let first = self
             .armed
@@ -345,7 +345,7 @@ impl Deadlines {
     }
 }
 
-/// Returns this number of seconds as a duration; zero if it is not a valid time.
+/// Converts a number of seconds to a duration; returns zero if it is not a valid time.
 pub(super) fn seconds(seconds: f64) -> Duration {
     Duration::try_from_secs_f64(seconds).unwrap_or_default()
 }
@@ -371,7 +371,7 @@ mod tests {
         assert_eq!(over(&mut deadlines), None);
     }
 
-    /// A recording contains the armed deadlines, and a replay arms them again.
+    /// A recording contains the active deadlines; a replay activates them again.
     #[test]
     fn deadlines_of_a_recording_are_armed_again() {
         let mut deadlines = Deadlines::default();

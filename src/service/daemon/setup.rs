@@ -1,9 +1,9 @@
-//! The setup of a cell and of a cycle: read once, then never changed.
+//! The constant data of a cell and of a cycle, which are read once.
 
 use super::error::DaemonError;
 use super::proof_gate::ProofGate;
 use super::wiring::Wiring;
-use crate::requirements::recipe_fits::force_fits;
+use crate::requirements::recipe_fits::check_force;
 use crate::stages::removal::EarlierRemoval;
 use panelprep_base::geometry::{Base, Camera, Flange, FlangeCamera, Joints, PinholeCamera, Rigid, Tool};
 use panelprep_cell::cell::{Arm, Cell, CompliantTool, LOCAL_CONTROL, LensExtent, Limits, WARNING};
@@ -17,25 +17,25 @@ use panelprep_vision::inspect::Demands;
 use panelprep_vision::locate::{LocateError, ScanErrors, TaughtModel};
 use std::sync::{Arc, OnceLock};
 
-/// Poses of the cameras and the tool, as calibrated.
+/// The calibrated poses of the cameras and the tool, and their errors.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Calibrations {
     /// The 3D camera.
     pub scanner: PinholeCamera,
-    /// The errors of the 3D camera itself.
+    /// The measurement errors of the 3D camera.
     pub scan_errors: ScanErrors,
     /// Its pose.
     pub base_from_camera: Rigid<Base, Camera>,
     /// The flange camera.
     pub flange_camera: PinholeCamera,
-    /// The pose of the flange camera on the flange.
+    /// The pose of the flange camera in the flange frame.
     pub flange_from_camera: Rigid<Flange, FlangeCamera>,
-    /// The pose of the contact point of the sanding tool.
+    /// The pose of the sanding tool's contact point in the flange frame.
     pub flange_from_tool: Rigid<Flange, Tool>,
-    /// Uncertainty of the hand-eye calibrations of both cameras at the panel, mm, 95 %, if the calibration files state
-    /// it.
+    /// Uncertainty of the hand-eye calibrations of both cameras at the panel, mm, 95 %, if the calibration files
+    /// contain it.
     pub hand_eye_mm: Option<f64>,
-    /// Uncertainty of robot and tool, mm, 95 %, if the tool touched known points.
+    /// Uncertainty of robot and tool, mm, 95 %, if it was measured by touching known points.
     pub robot_mm: Option<f64>,
     /// The removal model of the disc, if it is calibrated.
     pub removal: Option<Model>,
@@ -50,15 +50,15 @@ pub struct CellSetup {
     pub arm: Arm,
     /// Outputs and feedbacks.
     pub wiring: Wiring,
-    /// The bit of `In` in the state message for the selector switch; it is on in the position local.
+    /// Bit number of the selector switch in `In` of the state message; the bit is on in the position local.
     pub control_bit: Option<u32>,
-    /// The output that warns before the first motion, with its bit in `Out` of the state message.
+    /// The output that warns before the first motion, and its bit number in `Out` of the state message.
     pub warning_output: Option<(u16, u32)>,
     /// The compliant tool, if the cell has one.
     pub tool: Option<CompliantTool>,
-    /// The checksum of the controller's programs that were accepted, if the cell's file states it.
+    /// The checksum of the controller's accepted programs, if the cell's file contains it.
     pub programs_sum: Option<i32>,
-    /// Whether the proofs of the controller permit a motion.
+    /// Whether the acceptance tests of the controller permit a motion.
     pub proofs: ProofGate,
     /// The pose in which the arm parks.
     pub park_pose: Joints,
@@ -67,10 +67,10 @@ pub struct CellSetup {
 }
 
 impl CellSetup {
-    /// Reads the values that the cell's file states.
+    /// Reads the values from the cell's file.
     ///
     /// # Errors
-    /// If the cell's file does not name everything that a cycle needs.
+    /// If the cell's file does not contain everything that a cycle needs.
     pub fn new(cell: &Cell) -> Result<Self, DaemonError> {
         cell.limits().workspace().ok_or(DaemonError::NotStated { key: "limits.box_min_mm" })?;
         Ok(CellSetup {
@@ -91,9 +91,9 @@ impl CellSetup {
         })
     }
 
-    /// Returns the same cell for a replay, which moves nothing.
+    /// Returns these values for a replay, which moves no robot.
     #[must_use]
-    pub fn replayed(self) -> Self {
+    pub fn for_replay(self) -> Self {
         CellSetup { proofs: ProofGate::Replay, ..self }
     }
 }
@@ -108,7 +108,7 @@ pub struct CycleSetup {
     /// The taught panel.
     pub panel: TaughtPanel,
     taught_model: Arc<OnceLock<Result<TaughtModel, LocateError>>>,
-    /// The taught corners of the panel; the corner loop uses the first ones whose moves pass the gate.
+    /// The taught corners of the panel; the corner loop uses the first ones whose moves pass the path checks.
     pub corners: Vec<TaughtCorner>,
     /// The calibrations.
     pub calibrations: Calibrations,
@@ -116,7 +116,7 @@ pub struct CycleSetup {
     pub lens: LensExtent,
     /// The depth that earlier cycles removed from this part.
     pub removed_before: EarlierRemoval,
-    /// Whether foam lies in the cell in place of a panel: contact then needs a lower stage of the proofs.
+    /// Whether foam is in the cell instead of a panel: contact then requires a lower stage of the acceptance tests.
     pub on_foam: bool,
 }
 
@@ -125,16 +125,16 @@ impl CycleSetup {
     /// of the flange camera's lens.
     ///
     /// # Errors
-    /// If no corner was taught, or if one was taught in an area of the picture in which the lens is not calibrated: the
-    /// camera would view the corner there again. If the recipe states a force and the cell has no compliant tool, or if
-    /// it has one and the recipe states no force.
+    /// If no corner was taught, or a corner was taught in an area of the picture in which the lens is not calibrated,
+    /// because the camera would view the corner there again. If the recipe contains a force and the cell has no
+    /// compliant tool, or if the cell has a compliant tool and the recipe contains no force.
     pub fn new(
         cell: Arc<CellSetup>,
         recipe: Recipe,
         (panel, corners): (TaughtPanel, Vec<TaughtCorner>),
         (calibrations, lens): (Calibrations, LensExtent),
     ) -> Result<Self, DaemonError> {
-        force_fits(cell.tool.as_ref(), &recipe)?;
+        check_force(cell.tool.as_ref(), &recipe)?;
         if corners.is_empty() {
             return Err(DaemonError::NoCorner);
         }
@@ -148,20 +148,20 @@ impl CycleSetup {
         Ok(CycleSetup { cell, recipe, panel, taught_model, corners, calibrations, lens, removed_before, on_foam })
     }
 
-    /// Returns the same setup for a part from which earlier cycles removed this amount.
+    /// Returns this setup for a part from which earlier cycles removed this depth.
     #[must_use]
     pub fn with_earlier_removal(self, removed_before: EarlierRemoval) -> Self {
         CycleSetup { removed_before, ..self }
     }
 
-    /// Returns the same setup for foam in place of the panel.
+    /// Returns this setup for foam instead of the panel.
     #[must_use]
     pub fn with_foam(self, on_foam: bool) -> Self {
         CycleSetup { on_foam, ..self }
     }
 
-    /// Returns the taught panel as the localization uses it, or the reason why it cannot be used; the first call
-    /// computes it.
+    /// Returns the taught panel in the form that the localization uses, or the reason why it cannot be used. The first
+    /// call computes it.
     pub fn taught_model(&self) -> &Result<TaughtModel, LocateError> {
         let range = self.calibrations.scan_errors.range;
         self.taught_model.get_or_init(|| TaughtModel::from_panel(&self.panel, range))
@@ -177,7 +177,7 @@ impl CycleSetup {
         self.cell.clone()
     }
 
-    /// Returns the arm's tour through the views of the taught corners.
+    /// Returns the route of the arm through the views of the taught corners.
     pub fn corner_tour(&self) -> CornerTour<'_> {
         CornerTour {
             limits: &self.cell.limits,

@@ -1,9 +1,9 @@
 //! Single functions of the robot, one at a time, for commissioning: `panelprep robot …`.
 //!
-//! Each function runs in an epoch of its own, which ends with the function: the controller then switches the tool off,
-//! and base and tool are unknown again. A linear motion is checked as a whole by the same gate as the cycle's paths.
-//! Motions and outputs must satisfy the cycle's own list of interlocks (`single_interlocks`). Unlike a cycle's motions,
-//! these may run in T1, with a person at the enabling switch. These functions are not in the journal: no later action
+//! Each function runs in its own epoch, which ends with the function: the controller then switches the tool off, and
+//! base and tool are unknown again. A linear motion must pass the same path checks as the paths of a cycle. Motions and
+//! outputs must satisfy the interlocks of a cycle (`single_interlocks`). Unlike the motions of a cycle, these motions
+//! may run in T1, with a person at the enabling switch. These functions are not in the journal, because no later action
 //! depends on them, and a controller that loses its client stops automatically.
 
 use super::corrected::CalibratedRobot;
@@ -27,35 +27,35 @@ use std::time::{Duration, Instant};
 /// Time limit for the first answer of a controller, by the wall clock: the controller may still be closing the
 /// connection of its previous client.
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(4);
-/// Time limits for a switch, a frame or a subroutine, and for a motion through the air, by the robot's clock.
+/// Time limits by the robot's clock: for a switch, a frame or a subroutine, and below it for a motion through the air.
 const COMMAND_TIMEOUT: Duration = Duration::from_secs(30);
 const MOTION_TIMEOUT: Duration = Duration::from_secs(300);
 /// Time limit for the robot's next state, by the robot's clock.
 const STATE_TIMEOUT: Duration = Duration::from_secs(1);
-/// Largest number of reports that may be waiting before the report that states why the link was lost.
+/// Maximum number of waiting reports that are read to find the report that states why the connection was lost.
 const MAX_REPORTS: usize = 32;
-/// Time limit for the arm to come to rest before a function begins, by the robot's clock.
+/// Time limit for the arm to stop before a function begins, by the robot's clock.
 const STANDSTILL_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// The reason why a function was not executed.
 #[derive(Debug, thiserror::Error)]
 pub enum SingleError {
     /// No controller answers.
-    #[error("no controller answers: {0}")]
+    #[error("no controller answers: {0}; check the cable, the address and the robot program")]
     NoController(LinkLoss),
     /// No controller answered, and no reason was reported.
-    #[error("no controller answered within {} s", CONNECT_TIMEOUT.as_secs())]
+    #[error("no controller answered within {} s; check the cable, the address and the robot program", CONNECT_TIMEOUT.as_secs())]
     Silent,
     /// The command cannot be sent.
     #[error(transparent)]
     Queue(#[from] QueueError),
-    /// The gate rejects the function.
-    #[error("the gate refuses: {}", describe_judgement(.0))]
+    /// A check rejects the function.
+    #[error("a check rejects the command: {}", describe_judgement(.0))]
     Gate(Judgement),
     /// The robot did not execute the function.
     #[error("the robot did not execute the command: {0}")]
     Robot(String),
-    /// The link was lost during the function.
+    /// The connection was lost during the function.
     #[error("the link to the controller was lost: {0}; the controller stops the robot by itself")]
     LinkLost(LinkLoss),
     /// The function exceeded its time limit.
@@ -67,7 +67,7 @@ fn describe_judgement(judgement: &Judgement) -> String {
     judgement.reasons.iter().map(|reason| reason.message.as_str()).collect::<Vec<_>>().join("; ")
 }
 
-/// A linear motion, with its own base and tool.
+/// A linear motion with its base and tool frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SingleLine {
     /// The target pose of the TCP, in `base`.
@@ -80,12 +80,12 @@ pub struct SingleLine {
     pub speed_mm_s: f64,
 }
 
-/// An item that is mounted on the flange, at its calibrated pose.
+/// A device that is mounted on the flange, at its calibrated pose.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mounted {
-    /// The name of the mounted item, such as the sanding tool.
+    /// The name of the device, such as the sanding tool.
     pub name: &'static str,
-    /// The pose of the tip of the mounted item.
+    /// The pose of the device's tip in the flange frame.
     pub flange_from_tip: Rigid<Flange, Tool>,
 }
 
@@ -116,18 +116,18 @@ impl<'r> SingleRobot<'r> {
         Err(why.map_or(SingleError::Silent, SingleError::NoController))
     }
 
-    /// Adds the items mounted on the flange: every motion keeps them away from the objects in the cell, whatever tool
+    /// Adds the devices mounted on the flange. Every motion keeps them away from the objects in the cell, whatever tool
     /// is active in the controller.
     #[must_use]
     pub fn with_mounted(self, mounted: Vec<Mounted>) -> Self {
         SingleRobot { mounted, ..self }
     }
 
-    /// Checks whether the arm is the one in the cell's file: the reported TCP pose must agree with the one that is
+    /// Checks whether the arm is the one in the cell's file: the reported TCP pose must agree with the TCP pose that is
     /// computed from the axis positions.
     ///
     /// # Errors
-    /// If they do not agree, with the distance between the two.
+    /// If the poses do not agree; the error contains the distance between them.
     pub fn check_arm_identity(&self, cell: &Cell) -> Result<(), Reason> {
         let state = &self.state;
         let tip = state.active_base.to_rigid::<Base, Base>() * state.base_from_tcp.to_rigid::<Base, Tool>();
@@ -145,8 +145,8 @@ impl<'r> SingleRobot<'r> {
         &self.state
     }
 
-    /// Returns the TCP pose as the controller reports it, in the active base, if the arm has a correction: this pose
-    /// then differs from the true one.
+    /// Returns the TCP pose in the active base as the controller reports it, if the arm has a correction; this pose
+    /// differs from the true one.
     pub fn reported_tcp(&self) -> Option<KukaPose> {
         self.robot.reported_tcp()
     }
@@ -154,14 +154,15 @@ impl<'r> SingleRobot<'r> {
     /// Executes any function except a motion, an output or a subroutine, which have their own checks below.
     ///
     /// # Errors
-    /// If the controller has other programs than the accepted ones, or if the function cannot be sent, is refused, or
-    /// is not complete in time.
+    /// If the controller's programs are not the accepted ones, or if the function cannot be sent, is refused, or is not
+    /// complete within its time limit.
     pub fn set(&mut self, command: Command, cell: &Cell) -> Result<(), SingleError> {
-        require_accept(Judgement::new(self.other_programs(cell).into_iter().collect(), vec![]))?;
+        require_accept(Judgement::new(self.changed_programs_reason(cell).into_iter().collect(), vec![]))?;
         match command {
             Command::MoveLin(_) | Command::MoveJ(_) | Command::SetDigout(_) | Command::CallSubroutine { .. } => {
                 let message =
-                    format!("{} cannot be sent as a single command: it has its own checks", command.name());
+                    format!("{} cannot be sent by this function, because it needs further checks: use its own \
+                             command", command.name());
                 return Err(gate(Reason::new("not_single", message)));
             }
             _ => self.open_epoch()?,
@@ -170,10 +171,10 @@ impl<'r> SingleRobot<'r> {
         self.wait_executed(id, COMMAND_TIMEOUT)
     }
 
-    /// Calls a subroutine of the controller. The subroutine may move the arm, so the checks of a motion apply.
+    /// Calls a subroutine of the controller. The subroutine may move the arm, therefore the checks of a motion apply.
     ///
     /// # Errors
-    /// As [`SingleRobot::set`], and if the gate rejects the function.
+    /// The errors of [`SingleRobot::set`], and if a check rejects the function.
     pub fn call(&mut self, index: u16, cell: &Cell) -> Result<(), SingleError> {
         self.check_motion(cell)?;
         self.check_arm_identity(cell).map_err(gate)?;
@@ -183,10 +184,10 @@ impl<'r> SingleRobot<'r> {
         self.wait_executed(id, MOTION_TIMEOUT)
     }
 
-    /// Moves the axes.
+    /// Moves the axes to these positions.
     ///
     /// # Errors
-    /// As [`SingleRobot::set`], and if the gate rejects the motion.
+    /// The errors of [`SingleRobot::set`], and if a check rejects the motion.
     pub fn move_joints(&mut self, joints: Joints, axis_speed_percent: u8, cell: &Cell) -> Result<(), SingleError> {
         self.check_motion(cell)?;
         require_accept(judge_joints(&joints))?;
@@ -204,10 +205,10 @@ impl<'r> SingleRobot<'r> {
         self.wait_executed(id, MOTION_TIMEOUT)
     }
 
-    /// Moves the TCP linearly.
+    /// Moves the TCP along a straight line.
     ///
     /// # Errors
-    /// As [`SingleRobot::move_joints`].
+    /// The errors of [`SingleRobot::move_joints`].
     pub fn move_line(&mut self, line: &SingleLine, cell: &Cell) -> Result<(), SingleError> {
         self.check_motion(cell)?;
         let limits = cell.limits();
@@ -219,7 +220,8 @@ impl<'r> SingleRobot<'r> {
         }
         self.open_epoch()?;
         self.send(Command::SetBase(line.base))?;
-        // The frames are set before the check, because the controller reports the TCP pose in them; this moves nothing.
+        // The frames are set before the check, because the controller reports the TCP pose in these frames. This moves
+        // nothing.
         let id = self.send(Command::SetTcp(line.tool))?;
         self.wait_executed(id, COMMAND_TIMEOUT)?;
         // The motion begins at the TCP pose that the controller reports in these frames.
@@ -245,8 +247,7 @@ impl<'r> SingleRobot<'r> {
                     gate(Reason { message: format!("with {name}: {}", infeasible.message), ..infeasible })
                 })?;
         }
-        // The interlocks are those of the motion to the first corner, which apply to all linear motions through the
-        // air.
+        // The interlocks of the motion to the first corner apply to all linear motions through the air.
         self.check_interlocks("a straight motion", single_interlocks::motion(Path::Corner { view: 0 }), cell)?;
         self.send(Command::SetAccSpeed(moves::speed_command(gated.speed)))?;
         let sent = self.robot.send_path(move_lin(&gated.points), None);
@@ -257,10 +258,10 @@ impl<'r> SingleRobot<'r> {
     /// Sets an output, and keeps this epoch open for the given time, so that the output stays set.
     ///
     /// # Errors
-    /// As [`SingleRobot::set`], and if an interlock is not satisfied.
+    /// The errors of [`SingleRobot::set`], and if an interlock is not satisfied.
     pub fn set_output(&mut self, name: &str, on: bool, cell: &Cell, keep: Duration) -> Result<(), SingleError> {
         // Also checked before an output is switched off: with other programs, its number may belong to another output.
-        require_accept(Judgement::new(self.other_programs(cell).into_iter().collect(), vec![]))?;
+        require_accept(Judgement::new(self.changed_programs_reason(cell).into_iter().collect(), vec![]))?;
         let number = output_number(name, cell.inputs_outputs())?;
         let switch = single_interlocks::switch_of_output(name).filter(|_| on);
         // In automatic mode no person holds an enabling switch, so water must not run before stage A has proven the outputs.
@@ -283,31 +284,31 @@ impl<'r> SingleRobot<'r> {
     /// Checks the cycle's interlocks for this action with a new state of the robot, not with the state at the start of
     /// the epoch.
     fn check_interlocks(&mut self, name: &str, act: Action, cell: &Cell) -> Result<(), SingleError> {
-        // A new state is read: the stored state does not show a guard that was opened a moment ago.
+        // A new state is read, because the stored state may be from before a guard was opened.
         let last_sequence = self.state.sequence;
         while self.state.sequence == last_sequence {
             self.receive()?;
         }
         let judged = single_interlocks::judge(name, act, &self.state, cell);
-        // A person may have changed the operating mode since the motion was first checked.
-        let unproven = self.unproven(cell).filter(|_| matches!(act, Action::Move(_)));
+        // A person may have changed the operating mode since the first check of the motion.
+        let unproven = self.missing_proof_reason(cell).filter(|_| matches!(act, Action::Move(_)));
         match unproven {
             Some(why) => Err(SingleError::Gate(Judgement::new(vec![why], vec![]))),
             None => require_accept(judged),
         }
     }
 
-    /// Checks that the proofs of the controller permit motions in its present mode.
+    /// Checks that the acceptance tests of the controller permit motions in its present mode.
     ///
     /// # Errors
     /// If the required stage is not signed.
     pub fn check_proofs(&self, cell: &Cell) -> Result<(), SingleError> {
-        self.unproven(cell).map_or(Ok(()), |why| Err(gate(why)))
+        self.missing_proof_reason(cell).map_or(Ok(()), |why| Err(gate(why)))
     }
 
-    /// Returns why the proofs do not permit a motion in automatic mode. In T1 a person holds the enabling switch; T2 is
-    /// refused by a rule of its own.
-    fn unproven(&self, cell: &Cell) -> Option<Reason> {
+    /// Returns the reason why the acceptance tests do not permit a motion in automatic mode. In T1 a person holds the
+    /// enabling switch; T2 is refused by a separate rule.
+    fn missing_proof_reason(&self, cell: &Cell) -> Option<Reason> {
         let is_by_hand = matches!(self.state.mode, Mode::T1 | Mode::T2);
         proof_gate::refusal(cell.robot(), ProofStage::A, Some(&self.state)).filter(|_| !is_by_hand)
     }
@@ -316,8 +317,8 @@ impl<'r> SingleRobot<'r> {
     fn check_motion(&self, cell: &Cell) -> Result<(), SingleError> {
         let state = &self.state;
         let is_local = cell.inputs_outputs().input_bit(LOCAL_CONTROL).is_none_or(|bit| is_input_on(state, bit));
-        // In T1 a person holds the enabling switch beside the arm, and the controller limits the speed; so the guard
-        // may be open.
+        // In T1 a person holds the enabling switch beside the arm, and the controller limits the speed; therefore the
+        // guard may be open.
         let by_hand = matches!(state.mode, Mode::T1 | Mode::T2);
         let checks = [
             (
@@ -339,25 +340,25 @@ impl<'r> SingleRobot<'r> {
         ];
         let open = checks.into_iter().filter(|(wrong, ..)| *wrong);
         let others = open.map(|(_, code, message)| Reason::new(code, message));
-        let reasons = self.other_programs(cell).into_iter().chain(self.unproven(cell)).chain(others).collect();
+        let reasons = self.changed_programs_reason(cell).into_iter().chain(self.missing_proof_reason(cell)).chain(others).collect();
         require_accept(Judgement::new(reasons, vec![]))
     }
 
-    /// Returns a reason if the controller has other programs than those with which the cell was accepted: the numbers
-    /// of signals, flags and operations may then mean something else.
-    fn other_programs(&self, cell: &Cell) -> Option<Reason> {
+    /// Returns a reason if the controller's programs are not those with which the cell was accepted: the numbers of
+    /// signals, flags and operations may then have another meaning.
+    fn changed_programs_reason(&self, cell: &Cell) -> Option<Reason> {
         let accepted = cell.robot().programs_sum()?;
         (accepted != self.state.programs_checksum).then(|| {
             Reason::new(
                 "other_programs",
-                "the controller's programs are others than those with which the cell was accepted ([robot] programs_sum); find out \
-                 who changed them, then run `panelprep doctor --kuka DIR`",
+                "the controller's programs are not those with which the cell was accepted ([robot] programs_sum); \
+                 find out who changed them, then run `panelprep doctor --kuka DIR`",
             )
         })
     }
 
     fn open_epoch(&mut self) -> Result<(), SingleError> {
-        // When its last client has just disconnected, a controller is still coming to rest.
+        // If its last client has just disconnected, a controller may still be stopping the arm.
         let rests_until = self.robot.now() + STANDSTILL_TIMEOUT;
         while self.state.moving && self.robot.now() < rests_until {
             self.receive()?;
@@ -367,7 +368,7 @@ impl<'r> SingleRobot<'r> {
         while self.state.epoch != asked {
             if let Some(Report::EpochNotOpened { asked, found }) = self.receive()? {
                 return Err(SingleError::Robot(format!(
-                    "the controller is in epoch {found}, but epoch {asked} was requested"
+                    "the controller is in epoch {found}, but epoch {asked} was requested; repeat the command"
                 )));
             }
             self.check_deadline(until, COMMAND_TIMEOUT)?;
@@ -375,10 +376,10 @@ impl<'r> SingleRobot<'r> {
         Ok(())
     }
 
-    /// Waits until a command is executed and the arm is at rest.
+    /// Waits until a command is executed and the arm is stationary.
     fn wait_executed(&mut self, id: CommandId, allowed: Duration) -> Result<(), SingleError> {
         let until = self.robot.now() + allowed;
-        // A command can be executed before the arm is at rest: with blending, the last command is complete while the
+        // A command can be executed before the arm is stationary: with blending, the last command is complete while the
         // arm still brakes.
         while self.state.done < id || self.state.moving {
             match self.receive()? {
@@ -387,7 +388,8 @@ impl<'r> SingleRobot<'r> {
                 Some(Report::Interrupted { cause }) => return Err(self.stopped_error(cause.to_string())),
                 Some(Report::SequenceError(error)) => return Err(self.stopped_error(error.to_string())),
                 Some(Report::WatchdogExpired { channel, silence }) => {
-                    let words = format!("nothing was received on the {channel} for {} ms", silence.as_millis());
+                    let words = format!("no message was received on the {channel} for {} ms; check the cable and the \
+                                         robot program", silence.as_millis());
                     return Err(self.stopped_error(words));
                 }
                 _ => {}
@@ -402,7 +404,7 @@ impl<'r> SingleRobot<'r> {
         sent.map_err(|error| self.not_sent_error(error))
     }
 
-    /// Returns why nothing was sent: if the link is lost, the reason for its loss.
+    /// Returns the error for a command that was not sent: if the connection is lost, the reason for the loss.
     fn not_sent_error(&mut self, error: QueueError) -> SingleError {
         if error == QueueError::NotConnected {
             for _ in 0..MAX_REPORTS {
@@ -431,7 +433,8 @@ impl<'r> SingleRobot<'r> {
         match &report {
             Some(Report::Connected { state } | Report::State(state)) => self.state = **state,
             Some(Report::Rebooted { .. }) => {
-                return Err(SingleError::Robot("the controller was restarted".to_owned()));
+                return Err(SingleError::Robot("the controller was restarted; wait until it is ready, then repeat the \
+                                               command".to_owned()));
             }
             Some(Report::LinkLost { why }) => return Err(SingleError::LinkLost(why.clone())),
             _ => {}
@@ -445,14 +448,14 @@ impl<'r> SingleRobot<'r> {
         }
         #[expect(
             clippy::let_underscore_must_use,
-            reason = "the robot is commanded to stop; its reply is not needed any more"
+            reason = "the robot was commanded to stop; its reply is not needed"
         )]
         let _ = self.robot.abort();
         Err(SingleError::Late(allowed))
     }
 }
 
-/// Returns the error for a failed thread of the link.
+/// Returns the error for a failed thread of the connection.
 fn thread_error(fault: ThreadFault) -> SingleError {
     SingleError::Robot(fault.to_string())
 }

@@ -1,11 +1,10 @@
-//! The interlocks of single functions: the cycle's own list of interlocks, checked with the controller's present
-//! reports.
+//! The interlocks of single functions: the interlocks of a cycle, checked with the present reports of the controller.
 //!
-//! A single function has fewer facts than a cycle: no drain time, no approach point, no localization. A condition that
-//! is not known counts as not satisfied. So only a cycle can switch on the tool's output, and water can be switched on
-//! only while the arm is at the pose `park`.
+//! A single function has less information than a cycle: no drain time, no approach point, no localization. A condition
+//! that is not known is treated as not satisfied. Therefore only a cycle can switch on the tool's output, and water can
+//! be switched on only while the arm is at the pose `park`.
 
-use super::wiring::{DeviceReading, RINSE, Wiring};
+use super::wiring::{DeviceReading, RINSE_OUTPUT_NAME, Wiring};
 use panelprep_base::geometry::Joints;
 use panelprep_base::verdict::{Judgement, Reason};
 use panelprep_cell::cell::{Cell, Feedback, Output};
@@ -14,16 +13,16 @@ use panelprep_cell::cycle::{
 };
 use panelprep_kuka::eki::{CONTACT_OVERRIDE_PERCENT, State};
 
-/// Largest distance of an axis from `park` at which the arm counts as parked, degrees: ten times the resolution
+/// Maximum distance of an axis from `park` at which the arm is treated as parked, degrees: ten times the resolution
 /// that a controller reports.
 const MAX_PARKED_DEVIATION_DEG: f64 = 0.1;
 
-/// Returns the cycle's switch that belongs to an output's name; switching off is always allowed.
+/// Returns the cycle's switch for the output with this name; switching off is always permitted.
 pub(super) fn switch_of_output(name: &str) -> Option<Switch> {
     let known = [
         (Output::Light.name(), Switch::LightOn),
         (Output::Spray.name(), Switch::Spray),
-        (RINSE, Switch::Rinse),
+        (RINSE_OUTPUT_NAME, Switch::Rinse),
         (Output::LensShutter.name(), Switch::LensGuard),
         (Output::Extraction.name(), Switch::ExtractionOn),
         (Output::Tool.name(), Switch::ToolOn),
@@ -31,7 +30,7 @@ pub(super) fn switch_of_output(name: &str) -> Option<Switch> {
     known.into_iter().find(|(output, _)| *output == name).map(|(_, switch)| switch)
 }
 
-/// Returns a motion that has the same interlocks as the cycle's motion along this path.
+/// Returns a motion action with the interlocks of the cycle's motion along this path.
 pub(super) fn motion(path: Path) -> Action {
     Action::Move(Motion { epoch: 0, path, plan: 0, waypoints: 1 })
 }
@@ -64,7 +63,7 @@ fn facts(state: &State, cell: &Cell) -> Facts {
         },
         water: match reading((Switch::Spray, Switch::WaterOff), (Feedback::WaterOff, false)) {
             DeviceReading::NotWired => Water::Drained,
-            // The time at which the water was switched off is not known.
+            // The time at which the water was switched off is not known, so the water is treated as draining.
             DeviceReading::Is(false) => Water::Draining { until: Id(0) },
             DeviceReading::Is(true) | DeviceReading::Open => Water::Unknown,
         },
@@ -97,18 +96,22 @@ mod tests {
         Cell::check("cell.toml", CELL).expect("good")
     }
 
-    /// Returns whether the action is permitted. The bits of `In`, from the lowest: water_off, lens_shut,
-    /// extraction_flow, tool_running; those of `Out`: light, spray, lens_shutter, extraction, tool.
-    fn may(act: Action, (inputs, outputs): (u32, u32), a1_deg: f64) -> bool {
+    /// Returns whether the action is permitted. Bits of `In`, from the lowest: water_off, lens_shut, extraction_flow,
+    /// tool_running. Bits of `Out`: light, spray, lens_shutter, extraction, tool.
+    fn is_permitted(act: Action, (inputs, outputs): (u32, u32), a1_deg: f64) -> bool {
         let joints = Joints { a1_deg, ..cell().park_pose().expect("given") };
         let state = State { inputs, outputs, joints, ..standing_state() };
         judge("it", act, &state, &cell()).reasons.is_empty()
     }
 
-    /// Tests every combination of feedbacks and outputs, with the arm parked and not parked. Expected values by hand: a
-    /// motion needs water and tool off; water needs the arm parked, the lens shutter closed and the tool off. Only a
-    /// cycle may use the tool's output; light, lens shutter and extraction need nothing. Each state is proven by its
-    /// output and its feedback together: if one contradicts the other, nothing is proven.
+    /// Tests every combination of feedbacks and outputs, with the arm parked and not parked. Expected results, by hand:
+    ///
+    /// - A motion requires that water and tool are off.
+    /// - Water requires that the arm is parked, the lens shutter is closed and the tool is off.
+    /// - The tool's output is permitted only in a cycle.
+    /// - Light, lens shutter and extraction require nothing.
+    ///
+    /// Each state is proven by its output and its feedback together; if they contradict each other, nothing is proven.
     #[test]
     fn a_single_function_does_nothing_that_a_cycle_may_not() {
         for (inputs, outputs) in (0..16).flat_map(|inputs| (0..32).map(move |outputs| (inputs, outputs))) {
@@ -119,7 +122,7 @@ mod tests {
             let inputs = (inputs, outputs);
             for (a1_deg, parked) in [(10.0, true), (10.05, true), (10.2, false), (-120.0, false)] {
                 for path in [Path::Park, Path::Corner { view: 0 }] {
-                    assert_eq!(may(motion(path), inputs, a1_deg), water_off && tool_off, "{path:?} {inputs:?}");
+                    assert_eq!(is_permitted(motion(path), inputs, a1_deg), water_off && tool_off, "{path:?} {inputs:?}");
                 }
                 for (name, expected) in [
                     ("spray", parked && lens_shut && tool_off),
@@ -130,7 +133,7 @@ mod tests {
                     ("extraction", true),
                 ] {
                     let act = Action::Switch(switch_of_output(name).expect("known"));
-                    assert_eq!(may(act, inputs, a1_deg), expected, "{name} {inputs:?} {a1_deg}");
+                    assert_eq!(is_permitted(act, inputs, a1_deg), expected, "{name} {inputs:?} {a1_deg}");
                 }
             }
         }

@@ -1,22 +1,23 @@
-//! Slots for connections that wait for a peer's data: the service's socket and the pages assign them.
+//! Slots for connections that wait for data from a client; the service's socket and the web pages use them.
 //!
-//! There are enough slots for normal use. If no slot is free, a new connection is accepted nevertheless, and another
-//! one is closed: of the user or address with the most slots, the connection that has been silent for the longest time.
-//! A client that requests a stop writes its line at once, so the line is read before its connection is closed.
+//! The number of slots is sufficient for normal use. If no slot is free, a new connection is accepted nevertheless, and
+//! another one is closed: of the user or address with the most slots, the connection that has been silent for the
+//! longest time. A client that requests a stop sends its line immediately, so the line is read before its connection is
+//! closed.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::oneshot;
 
-/// Largest number of connections that are read at the same time: of one owner, and in total.
+/// Maximum number of connections that are read at the same time, of one owner and in total.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct MaxConnections {
-    /// Connections of one user or one address.
+    /// Maximum number of connections of one user or one address.
     pub per_owner: usize,
     /// Maximum number of all connections.
     pub total: usize,
 }
 
-/// All slots; `Of` is the type of a connection's owner. All clones share the same slots.
+/// All slots; `Of` is the type of a connection's owner. Clones share the same slots.
 #[derive(Debug)]
 pub(super) struct Slots<Of>(Arc<Mutex<Inside<Of>>>);
 
@@ -24,7 +25,7 @@ pub(super) struct Slots<Of>(Arc<Mutex<Inside<Of>>>);
 struct Inside<Of> {
     most: MaxConnections,
     last: u64,
-    /// The occupied slots; the slot whose connection has been silent for longest is first.
+    /// The occupied slots, ordered by activity: the one whose connection has been silent for the longest time is first.
     taken: Vec<OccupiedSlot<Of>>,
 }
 
@@ -35,7 +36,7 @@ struct OccupiedSlot<Of> {
     wanted: oneshot::Sender<()>,
 }
 
-/// One of the slots; it becomes free when this is dropped.
+/// An occupied slot; dropping this value frees it.
 #[derive(Debug)]
 pub(super) struct Slot<Of> {
     number: u64,
@@ -43,7 +44,7 @@ pub(super) struct Slot<Of> {
     slots: Slots<Of>,
 }
 
-/// Marks the connection of a slot as active. Clones mark the same connection.
+/// A handle that marks the connection of a slot as active. Clones mark the same connection.
 #[derive(Debug)]
 pub(super) struct ActivityHandle<Of> {
     number: u64,
@@ -63,7 +64,7 @@ impl<Of> Clone for ActivityHandle<Of> {
 }
 
 impl<Of> Slots<Of> {
-    /// Creates this number of slots, all of them free.
+    /// Creates this number of free slots.
     pub fn new(most: MaxConnections) -> Self {
         Slots(Arc::new(Mutex::new(Inside { most, last: 0, taken: Vec::new() })))
     }
@@ -74,7 +75,7 @@ impl<Of> Slots<Of> {
 }
 
 impl<Of: Copy + PartialEq> Slots<Of> {
-    /// Assigns a slot to a connection of this owner; if none is free, another connection must give up its slot.
+    /// Assigns a slot to a connection of this owner; if no slot is free, another connection must give up its slot.
     pub fn acquire(&self, of: Of) -> Slot<Of> {
         let mut inside = self.lock();
         let held = |inside: &Inside<Of>, of| inside.taken.iter().filter(|taken| taken.owner == of).count();
@@ -117,8 +118,8 @@ impl<Of> Slot<Of> {
 }
 
 impl<Of> ActivityHandle<Of> {
-    /// Marks the connection as active now: it is then the last one that must give up its slot.
-    pub fn now(&self) {
+    /// Marks the connection as active now: it becomes the last one that must give up its slot.
+    pub fn mark_active(&self) {
         let mut inside = self.slots.lock();
         if let Some(at) = inside.taken.iter().position(|taken| taken.number == self.number) {
             let taken = inside.taken.remove(at);
@@ -175,10 +176,10 @@ mod tests {
     fn the_most_recently_active_client_gives_up_its_slot_last() {
         let slots = Slots::new(MaxConnections { per_owner: 2, total: 4 });
         let (mut first, mut second) = (slots.acquire(7), slots.acquire(7));
-        first.activity_handle().now();
+        first.activity_handle().mark_active();
         let mut third = slots.acquire(7);
         assert!(wait_until_wanted(&mut second) && !wait_until_wanted(&mut first) && !wait_until_wanted(&mut third));
-        second.activity_handle().now();
+        second.activity_handle().mark_active();
         drop(second);
         assert_eq!(slots.lock().taken.len(), 2, "one that gave way takes no slot again");
     }

@@ -1,18 +1,18 @@
 //! The service's Unix socket: an interface on which each connection carries one line from the client and one line in
-//! answer.
+//! reply.
 //!
-//! The file's owner, group and mode (0660) decide who may connect. The socket of a killed service is replaced if no
-//! service answers on it; any other file is left unchanged.
+//! Owner, group and mode (0660) of the socket file decide who may connect. The socket file of a killed service is
+//! replaced if no service answers on it; any other file is left unchanged.
 //!
-//! A client may be slow or silent, or send data continuously, by a fault or on purpose; a stop must be executed in
-//! every case. One thread reads all connections at once and never waits for one of them. Each connection has one
-//! deadline for its whole line. If no slot is free, the connection that has been silent for the longest time must give
-//! up its slot (`slots`). Only a start may be a long line. Each complete line goes to the `gateway`, which queues it by
+//! A client may be slow or silent, or send data continuously, because of a fault or on purpose; a stop must be executed
+//! in every case. One thread reads all connections and never waits for a single one. Each connection has one deadline
+//! for its whole line. If no slot is free, the connection that has been silent for the longest time must give up its
+//! slot (`slots`). Only a start may be a long line. Each complete line is passed to the `gateway`, which queues it by
 //! its urgency and reads recipes on a separate thread.
 //!
 //! The cell's file gives the users in the socket's group one role (`AccessRule`). The user who runs the service, and
-//! root, may request everything: they could do it without the socket as well. Every person who has access to the cell
-//! may request stop and abort.
+//! root, may request everything, because they could do it without the socket as well. Every person with access to the
+//! socket may request stop and abort.
 
 use super::camera_lease::{SharedCameras, ShotRequest};
 use super::gateway::Gateway;
@@ -37,21 +37,21 @@ use tokio::net::{UnixListener, UnixStream};
 use tokio::runtime::{Builder, Runtime};
 use tokio::time::{interval, sleep, timeout};
 
-/// Mode of the socket: owner and group may send requests.
+/// File mode of the socket: owner and group may send requests.
 const SOCKET_MODE: u32 = 0o660;
-/// Time limit for a client to send its whole line, and another one to receive its answer.
+/// Time limit for a client to send its whole line, and again to receive the reply.
 const CLIENT_TIMEOUT: Duration = Duration::from_secs(2);
-/// Largest number of connections that are read at the same time, of one user and in total.
+/// Maximum number of connections that are read at the same time, of one user and in total.
 const SLOTS: MaxConnections = MaxConnections { per_owner: 64, total: 256 };
-/// Time limit to receive the rest of a request on a connection whose slot another client needs.
+/// Time limit for receiving the rest of a request on a connection whose slot another client needs.
 const DRAIN_TIMEOUT: Duration = Duration::from_millis(50);
-/// Interval at which the socket's thread reports that it works, and the longest permitted time without such a report.
+/// Interval at which the socket's thread reports that it works, and below it the maximum time without such a report.
 const HEARTBEAT_INTERVAL: Duration = Duration::from_millis(250);
 const HEARTBEAT_TIMEOUT: Duration = Duration::from_secs(4);
-/// Number of threads that read recipes: one reads, and another one can report that a recipe is being read.
+/// Number of threads that read recipes: while one reads, the other can report that a recipe is being read.
 const READER_THREADS: usize = 2;
-/// The nice value of the socket's thread, which gives it priority over other programs of the computer: it has little to
-/// do, and its input may be a stop.
+/// Nice value of the socket's thread, which gives it priority over other programs of the computer: it has little work,
+/// and its input may be a stop.
 const NICE: i32 = -5;
 
 /// Errors when the socket is opened.
@@ -63,14 +63,14 @@ pub enum SocketError {
         /// The socket.
         path: PathBuf,
     },
-    /// The file is not a socket.
+    /// The file at this path is not a socket.
     #[error("{}: the path already exists and is not a socket; remove the file, or set another path at `socket` in \
              the cell's file", path.display())]
     NotASocket {
         /// The file.
         path: PathBuf,
     },
-    /// The system refused the operation.
+    /// The operating system refused the operation.
     #[error("cannot {doing} the socket {}: {source}", path.display())]
     System {
         /// The operation that failed.
@@ -82,7 +82,7 @@ pub enum SocketError {
     },
 }
 
-/// A socket on which the service listens; its file is removed when this is dropped.
+/// A socket on which the service listens; dropping this value removes its file.
 #[derive(Debug)]
 pub struct Socket {
     path: PathBuf,
@@ -90,10 +90,12 @@ pub struct Socket {
 
 impl Socket {
     /// Listens on the socket, and passes the requests to the gateway. The supervisor monitors the socket's thread.
-    /// Users who have access through the socket's group have this role; without a role they may request everything.
+    /// `role` is the role of users who have access through the socket's group; without a role they may request
+    /// everything.
     ///
     /// # Errors
-    /// If a service already answers on this socket, the file is not a socket, or the system refuses.
+    /// If another service answers on this socket, the file is not a socket, or the operating system refuses an
+    /// operation.
     pub fn listen(
         path: &Path,
         role: Option<Role>,
@@ -128,13 +130,13 @@ impl Drop for Socket {
     fn drop(&mut self) {
         #[expect(
             clippy::let_underscore_must_use,
-            reason = "best effort: a file that stays is replaced by the next service"
+            reason = "a socket file that could not be removed is replaced by the next service"
         )]
         let _ = fs::remove_file(&self.path);
     }
 }
 
-/// Removes the socket file that a killed service left.
+/// Removes the socket file of a killed service.
 fn remove_stale_socket(path: &Path) -> Result<(), SocketError> {
     let failed = |doing, source| SocketError::System { doing, path: path.to_owned(), source };
     match fs::symlink_metadata(path) {
@@ -145,7 +147,7 @@ fn remove_stale_socket(path: &Path) -> Result<(), SocketError> {
         }
         Ok(_) => {}
     }
-    // A connection is tried, since the file alone proves nothing: it remains after a kill, but only a running service
+    // A connection is tried, because the file alone proves nothing: it remains after a kill, but only a running service
     // accepts connections.
     match system::UnixStream::connect(path) {
         Ok(_) => Err(SocketError::InUse { path: path.to_owned() }),
@@ -181,21 +183,21 @@ fn serve(
             };
             match accepted {
                 Ok((stream, _)) => {
-                    // The user is read from the kernel and not from the message, since a client could write any name
+                    // The user is read from the kernel and not from the message, because a client could write any name
                     // into the message.
                     let who = gateway::socket_peer(&stream);
                     let slot = slots.acquire(who.uid);
                     let rule = AccessRule { role, service_uid };
                     tokio::spawn(serve_request((stream, who), slot, gateway.clone(), rule));
                 }
-                // For example, no file descriptor is free: the client tries again.
+                // For example, no file descriptor is free; the client tries again.
                 Err(_) => sleep(Duration::from_millis(50)).await,
             }
         }
     });
 }
 
-/// Reads one line, passes it on, and sends the answer.
+/// Reads one line, passes its request to the gateway, and sends the reply.
 async fn serve_request(
     (stream, who): (UnixStream, RequestAuthor),
     mut slot: Slot<Option<u32>>,
@@ -207,13 +209,13 @@ async fn serve_request(
         tokio::select! {
             biased;
             parsed = timeout(CLIENT_TIMEOUT, &mut reading) => parsed.unwrap_or(Err(ProtocolError::Slow)),
-            // A line that is being sent is still read: a client that sends nothing must give up its slot, but a stop
-            // must not be lost.
+            // A line that is being sent is read to its end: a client that sends nothing must give up its slot, but a
+            // stop must not be lost.
             () = slot.wait_until_wanted() => timeout(DRAIN_TIMEOUT, &mut reading).await.unwrap_or(Err(ProtocolError::GaveWay)),
         }
     };
-    // The slot is released after the line is read: an answer may take seconds, and the limit applies to clients that
-    // send nothing.
+    // The slot is released after the line is read, because a reply may take seconds, and the limit applies only to
+    // clients that send nothing.
     drop(slot);
     let parsed = parsed.map(|what| match what {
         RequestKind::Start(start) => {
@@ -303,13 +305,13 @@ fn lend_cameras(stream: UnixStream, shot: ShotRequest, cameras: SharedCameras, w
 struct AccessRule {
     /// The role of the socket's users; without a role they may request everything.
     pub role: Option<Role>,
-    /// The user who runs the service.
+    /// The number (UID) of the user who runs the service.
     pub service_uid: u32,
 }
 
 impl AccessRule {
-    /// Returns whether this user's start may contain a recipe that is not in the folder; this requires the permission
-    /// to change the folder.
+    /// Returns whether a start by this user may contain a recipe that is not in the recipes' folder. This requires the
+    /// permission to change the folder.
     pub fn recipe_text_permission(self, who: &RequestAuthor) -> RecipeTextPermission {
         match self.limiting_role(who) {
             Some(role) if !role.has_permission(Permission::Configure) => RecipeTextPermission::Refused,
@@ -322,7 +324,7 @@ impl AccessRule {
         self.role.filter(|_| who.uid.is_none_or(|uid| uid != 0 && uid != self.service_uid))
     }
 
-    /// Returns why this user may not make this request; `None` if it is permitted.
+    /// Returns the reason why this user may not send this request; `None` if it is permitted.
     pub fn refusal(self, who: &RequestAuthor, what: &RequestKind) -> Option<Reason> {
         let role = self.limiting_role(who)?;
         let needed = needed_permission(what)?;
@@ -341,7 +343,7 @@ impl AccessRule {
     }
 }
 
-/// Returns the permission that a role must have for this request; `None` if every user may make it.
+/// Returns the permission that a role must have for this request; `None` if every user may send it.
 fn needed_permission(what: &RequestKind) -> Option<Permission> {
     match what {
         RequestKind::Table(Request::Stop | Request::Abort) => None,
@@ -380,12 +382,12 @@ mod tests {
         AccessRule { role, service_uid: SERVICE }.refusal(who, what)
     }
 
-    fn who(uid: u32) -> RequestAuthor {
+    fn author_with_uid(uid: u32) -> RequestAuthor {
         RequestAuthor { front: RequestSource::Socket, uid: Some(uid), user: None, from: None }
     }
 
-    /// Every role with every request of the protocol: a viewer can only read, stop and abort; an inspector can also
-    /// accept; an operator can do everything except accept; an engineer can do everything.
+    /// Tests every role with every request of the protocol. A viewer can only read, stop and abort. An inspector can
+    /// also accept. An operator can do everything except accept. An engineer can do everything.
     #[test]
     fn users_of_the_socket_have_the_permissions_of_its_role() {
         let table = |request: Request| match request.is_operator_decision() {
@@ -414,14 +416,14 @@ mod tests {
                 vec!["stop", "abort", "hold", "unhold --dried", "clear", "reset", "state", "new-disc"],
             ),
         ] {
-            let open = all().filter(|what| refusal(Some(role), &who(1_001), what).is_none());
+            let open = all().filter(|what| refusal(Some(role), &author_with_uid(1_001), what).is_none());
             assert_eq!(open.map(|what| what.describe()).collect::<Vec<_>>(), allowed, "{role:?}");
         }
         for role in [Some(Role::Engineer), None] {
-            assert!(all().all(|what| refusal(role, &who(1_001), &what).is_none()), "{role:?}");
+            assert!(all().all(|what| refusal(role, &author_with_uid(1_001), &what).is_none()), "{role:?}");
         }
         for uid in [0, SERVICE] {
-            assert!(all().all(|what| refusal(Some(Role::Viewer), &who(uid), &what).is_none()), "{uid}");
+            assert!(all().all(|what| refusal(Some(Role::Viewer), &author_with_uid(uid), &what).is_none()), "{uid}");
         }
         let unknown = RequestAuthor { front: RequestSource::Socket, uid: None, user: None, from: None };
         assert!(
@@ -429,7 +431,7 @@ mod tests {
             "an unknown user is not root"
         );
         let reported =
-            refusal(Some(Role::Viewer), &who(1_001), &RequestKind::Table(Request::Hold)).expect("refused");
+            refusal(Some(Role::Viewer), &author_with_uid(1_001), &RequestKind::Table(Request::Hold)).expect("refused");
         assert!(
             reported.code == "not_permitted" && reported.message.contains("permitted roles: operator, engineer"),
             "{reported:?}"
@@ -437,10 +439,10 @@ mod tests {
         assert_eq!(Role::VARIANTS.len(), 6);
     }
 
-    /// An operator, or a person whose role permits less, can only start recipes of the folder.
+    /// An operator, or a person with fewer permissions, can only start recipes from the folder.
     #[test]
     fn a_recipe_text_needs_the_permission_to_change_the_folder() {
-        let own = |role, uid| AccessRule { role, service_uid: SERVICE }.recipe_text_permission(&who(uid));
+        let own = |role, uid| AccessRule { role, service_uid: SERVICE }.recipe_text_permission(&author_with_uid(uid));
         for role in Role::VARIANTS.iter().copied() {
             let expected =
                 if role == Role::Engineer { RecipeTextPermission::Allowed } else { RecipeTextPermission::Refused };

@@ -1,4 +1,4 @@
-//! Tests the loop with a scripted cell: a robot that executes commands at once, cameras that render pictures, and a
+//! Tests the loop with a scripted cell: a robot that executes commands immediately, cameras that render pictures, and a
 //! record in memory.
 
 mod compliant;
@@ -30,7 +30,7 @@ fn a_greasy_panel_is_abraded_once_and_passes() {
     };
     assert_eq!(story.stages(), stages, "{story}");
     assert!(!story.outcome.passes.is_empty() && story.outcome.passes.iter().all(|(_, times)| *times == 1));
-    // Each waypoint is executed once: the plan's first waypoint is the point in the air at which the approach ends.
+    // Each waypoint is executed once: the first waypoint of the plan is the air point at which the approach ends.
     let contact = story.motions(Path::Contact);
     assert_eq!(contact.len(), 1);
     let (motion, outcome, done) = contact[0];
@@ -38,8 +38,8 @@ fn a_greasy_panel_is_abraded_once_and_passes() {
     assert_eq!(story.contact_points, done as usize);
     let error = story.truth.placement_error_mm(&story.outcome.base_from_panel.expect("found"));
     assert!(error.max_mm < 1.5, "{error:?}");
-    // Checks the content of the record: every limit is satisfied, every phase has its numbers, and the measured parts
-    // of the error budget are present.
+    // Checks the record: every limit is satisfied, every phase has its measured values, and the measured components of
+    // the error budget are present.
     for number in story.findings.iter().flat_map(|finding| &finding.checks) {
         let broken = number.name.starts_with("broken film");
         assert!(broken || number.value.is_none_or(|value| number.limit.is_met_by(value)), "{number:?}");
@@ -48,7 +48,7 @@ fn a_greasy_panel_is_abraded_once_and_passes() {
     let watched = story.findings.iter().filter_map(|finding| finding.number(name::WATCHED_TIME_NAME));
     assert!(watched.map(|seconds| seconds >= 38.0).eq([true, true]), "{story}");
     let corners = ["corner_before", "corner_after"];
-    let figures = [&["located"], &corners[..], &corners[..], &LATER[..]].concat();
+    let figures = [&["located"], &corners[..], &corners[..], &CHECKS_AFTER_CONTACT[..]].concat();
     assert_eq!(story.figures, figures);
     let Budget { hand_eye_mm, locate_mm, fit_mm, robot_mm, .. } = story.budget;
     assert!(locate_mm.is_some_and(|mm| (0.01..1.0).contains(&mm)), "{:?}", story.budget);
@@ -56,7 +56,7 @@ fn a_greasy_panel_is_abraded_once_and_passes() {
     assert_eq!((hand_eye_mm, robot_mm), (None, None), "no person measured or stated them");
 }
 
-/// The record contains every value on which the gates decide, with its limit, and each corner separately.
+/// Checks that the record contains every value on which a check decides, with its limit, and each corner separately.
 fn check_recorded_limits(story: &fake::Story) {
     let last = |kind: Kind| story.findings.iter().rfind(|finding| finding.kind == kind).expect("found");
     let unlimited = |kind: Kind| -> Vec<&str> {
@@ -87,7 +87,7 @@ fn check_recorded_limits(story: &fake::Story) {
     assert_eq!(last(Kind::Verify).number(name::CORNERS), Some(2.0), "{story}");
 }
 
-const LATER: [&str; 14] = [
+const CHECKS_AFTER_CONTACT: [&str; 14] = [
     "surface",
     "deviation",
     "film",
@@ -146,7 +146,7 @@ fn after_a_hold_in_contact_come_verify_and_a_new_plan() {
     assert_eq!(contact[1].1, Outcome::Done);
 }
 
-/// With the recipe's reference `wet`, the second film judges the sanded areas by their wet appearance only. With
+/// With the recipe's reference `wet`, the second film evaluates the sanded areas by their wet appearance only. With
 /// `dry`, a person dries the panel after the rinse, and the whole panel has a dry reference again.
 #[test]
 fn a_new_dry_picture_is_the_reference_of_sanded_areas() {
@@ -176,9 +176,9 @@ fn a_journal_that_cannot_be_written_stops_the_robot() {
     assert!(matches!(error, DaemonError::Record(_)), "{error}");
 }
 
-/// Calculated by hand: if a panel rotates by 0.2° about its first corner, this corner does not move, and a corner 250
-/// mm away moves by 0.9 mm. If only the first corner were checked, the pad would be lowered onto the panel at the wrong
-/// place.
+/// Expected values, calculated by hand: the panel is rotated by 0.2° about its first corner. This corner does not move;
+/// a corner 250 mm away moves by 0.9 mm. If only the first corner were checked, the pad would be lowered onto the panel
+/// at the wrong place.
 #[test]
 fn a_rotated_panel_is_detected_at_its_second_corner() {
     let story = Fake::new(Scene::Good).whose_panel_turns_when_wet(0.2).run(Asks::one_cycle());
@@ -193,10 +193,10 @@ fn a_rotated_panel_is_detected_at_its_second_corner() {
     assert!(story.motions(Path::Contact).is_empty() && story.motions(Path::Approach).is_empty(), "{story}");
 }
 
-/// An obstacle is in front of the second corner: the first corner is viewed again instead, and the correction uses only
+/// An obstacle is in front of the second corner. The first corner is viewed again instead, and the correction uses only
 /// this corner.
 #[test]
-fn a_corner_without_a_permitted_move_is_left_out() {
+fn a_corner_without_a_permitted_move_is_excluded() {
     let mut fake = Fake::new(Scene::Clean);
     fake.more_cell = "[[keep_out]]\nname = \"post\"\nmin_mm = [300, -220, 150]\nmax_mm = [360, -120, 300]\n";
     let story = fake.run(Asks::one_cycle());
@@ -208,8 +208,8 @@ fn a_corner_without_a_permitted_move_is_left_out() {
     assert!(why.contains("corner 2: ") && why.contains("post"), "{why}");
 }
 
-/// The disc extends beyond the panel by more than the recipe allows in the plan: the cycle waits for a person's review,
-/// which never comes.
+/// The planned path of the disc extends beyond the panel by more than the recipe allows. The cycle waits for a person's
+/// review, which does not come in this test.
 #[test]
 fn a_doubtful_plan_is_held_for_review_without_contact() {
     let mut fake = Fake::new(Scene::Good);
@@ -222,7 +222,7 @@ fn a_doubtful_plan_is_held_for_review_without_contact() {
     assert!(story.motions(Path::Contact).is_empty() && story.motions(Path::Approach).is_empty(), "{story}");
 }
 
-/// For every motion, an intent was recorded before it began, in the epoch that was open.
+/// For every motion, an intent was recorded before the motion began, in the open epoch.
 #[test]
 fn intents_are_recorded_before_their_motions() {
     let story = Fake::new(Scene::Clean).run(Asks::one_cycle());

@@ -1,4 +1,5 @@
-//! The loop's data about the compliant tool: its last reading, its last command, and the contact path in progress.
+//! The loop's data about the compliant tool: its last measured value, its last command, and the contact path in
+//! progress.
 
 use panelprep_base::verdict::Reason;
 use panelprep_cell::cell::CompliantTool;
@@ -11,12 +12,12 @@ use panelprep_devices::acf::ToolReport;
 use panelprep_kuka::eki::Time;
 use std::time::Duration;
 
-/// Maximum additional age of a reading beyond the tool's deadlines; if the reading is older, the thread of the tool's
-/// link counts as failed.
-const MAX_READING_DELAY: Duration = Duration::from_millis(150);
-/// Time by which the force may lag behind its set-point.
+/// Maximum additional age of a measured value beyond the tool's deadlines. If the value is older, the thread of the
+/// connection to the tool is treated as failed.
+const MAX_FORCE_VALUE_DELAY: Duration = Duration::from_millis(150);
+/// Maximum delay of the force behind its set-point.
 const MAX_FORCE_LAG: Duration = Duration::from_millis(100);
-/// Change of the weight component along the tool's axis, N, after which the tool is commanded again.
+/// Minimum change of the weight component along the tool's axis, N, after which the tool is commanded again.
 const MIN_ATTITUDE_CHANGE_N: f64 = 0.2;
 
 /// The state of the tool's force control.
@@ -31,19 +32,19 @@ pub(super) struct PressState {
 /// A contact path in progress.
 #[derive(Debug)]
 struct ContactInProgress {
-    /// For each waypoint of the plan, whether the disc is on the panel.
+    /// For each waypoint of the plan, whether the disc touches the panel.
     on_panel: Vec<bool>,
     force_n: f64,
     landing_n: f64,
     ramp_s: f64,
     force_phase: ForcePhase,
-    /// The set-point of the tool's contact force, N, which changes in ramps.
+    /// The set-point of the tool's contact force, N, which changes along ramps.
     ramp: SetPointRamp,
     watch: ForceWatch,
 }
 
 impl PressState {
-    /// Begins a contact path; `on_panel` states for each waypoint whether the disc is on the panel.
+    /// Begins a contact path; `on_panel` states for each waypoint whether the disc touches the panel.
     pub fn begin_contact(&mut self, on_panel: Vec<bool>, settings: &recipe::Path, tool: &CompliantTool) {
         let (Some(force_n), Some(landing_n)) = (settings.force_n(), settings.landing_n()) else { return };
         self.contact = Some(ContactInProgress {
@@ -57,7 +58,7 @@ impl PressState {
         });
     }
 
-    /// Returns the command that the tool needs now, if it differs from the last one. `under_way` is the number of
+    /// Returns the command that the tool needs now, if it differs from the last command. `under_way` is the number of
     /// waypoints that the arm has reached on a contact path.
     pub fn next_command(
         &mut self,
@@ -84,7 +85,7 @@ impl PressState {
         Some(wanted)
     }
 
-    /// Processes a report of the tool; returns the reason if the link is lost.
+    /// Processes a report of the tool; returns a reason if the connection is lost.
     pub fn on_report(&mut self, news: Option<ToolReport>, now: Time) -> Option<Reason> {
         match news? {
             ToolReport::Reading { reading, age_ms } => {
@@ -101,7 +102,7 @@ impl PressState {
         }
     }
 
-    /// Returns the contact force of the last reading, N.
+    /// Returns the last measured contact force, N.
     pub fn contact_n(&self, tool: &CompliantTool, downwards: f64) -> Option<f64> {
         self.last.map(|(_, reading)| SensorLoad::from(tool).contact_n(reading.force_n, downwards))
     }
@@ -117,13 +118,13 @@ impl PressState {
         watch.evaluate((&reading, contact_n), expected, &limits(tool), at)
     }
 
-    /// Returns the reason why no motion towards the panel may begin; `None` if it may.
+    /// Returns the reason why no motion towards the panel may begin; `None` if it may begin.
     pub fn motion_refusal(&self, tool: &CompliantTool, now: Time) -> Option<Reason> {
         let unready = || self.last.and_then(|(_, reading)| not_ready_reason(&reading, tool.stroke_mm));
         self.not_ready_reason(tool, now).or_else(unready)
     }
 
-    /// Records that the path in progress has ended.
+    /// Records that the contact path in progress has ended.
     pub fn end_contact(&mut self) {
         self.contact = None;
     }
@@ -138,11 +139,11 @@ impl PressState {
             return Some(Reason::new("tool_link", words));
         };
         let longest =
-            Duration::from_millis(u64::from(tool.reply_ms) + u64::from(tool.period_ms)) + MAX_READING_DELAY;
+            Duration::from_millis(u64::from(tool.reply_ms) + u64::from(tool.period_ms)) + MAX_FORCE_VALUE_DELAY;
         let age = now.since(at);
         let words = || {
             format!(
-                "the compliant tool has sent nothing for {} ms; run `panelprep doctor` to check the link",
+                "the compliant tool has sent no data for {} ms; run `panelprep doctor` to check the connection",
                 age.as_millis()
             )
         };
@@ -151,7 +152,7 @@ impl PressState {
 }
 
 impl ContactInProgress {
-    /// Returns the force that the tool must apply when the arm has reached `reached` waypoints.
+    /// Returns the force set-point of the tool after the arm has reached `reached` waypoints.
     fn force_at(&mut self, reached: usize, (tool, downwards): (&CompliantTool, f64), now: Time) -> ForceSetPoint {
         let aim = force_phase(&self.on_panel, reached);
         let target_n = match aim {
@@ -171,7 +172,7 @@ impl ContactInProgress {
         if aim == ForcePhase::HeldBack {
             return ForceSetPoint::retracted(tool.min_force_n);
         }
-        // The value is within the tool's force range at every attitude: otherwise the cell or the cycle would have been
+        // The value is within the tool's force range at every attitude; otherwise the cell or the cycle would have been
         // refused.
         let actuator_n = |contact_n: f64| SensorLoad::from(tool).actuator_n(contact_n, downwards);
         ForceSetPoint { force_n: actuator_n(target_n), no_contact_n: actuator_n(self.landing_n), ramp_s }
@@ -190,7 +191,7 @@ fn limits(tool: &CompliantTool) -> WatchLimits {
 
 fn link_loss_reason(loss: &LinkLossCause) -> Reason {
     let words = format!(
-        "the link to the compliant tool is lost: {loss}; check its power and cable, then run `panelprep doctor`"
+        "the connection to the compliant tool is lost: {loss}; check its power and cable, then run `panelprep doctor`"
     );
     Reason::new("tool_link", words)
 }

@@ -1,16 +1,16 @@
-//! Switches by the names of the cell's inputs and outputs.
+//! The process switches, by the names of the cell's inputs and outputs.
 //!
 //! A switch is proven if the state message reports its outputs as they were set, and its feedback with the expected
-//! value. The outputs alone show only the state of the controller; the feedback shows the state of the valve, the fan
+//! value. The outputs alone only show the state of the controller; the feedback shows the state of the valve, the fan
 //! or the tool that the output controls.
 //!
 //! The proven facts about the outputs are monitored while the state table relies on them (R21). Each fact of the state
-//! table about an output was proven when it was switched: the controller reported the output, and the feedback reported
-//! its effect. While the fact is valid, each state of the robot must report the same. If the states report something
-//! else for [`CONTRADICTION_LIMIT_MS`], the state table is informed. The work in progress is held, the tool is lifted
-//! off the panel, and the output is proven again before it is needed. A shorter contradiction is tolerated because
-//! feedbacks are not steady: a flow switch flutters, and a sander slows down when it touches the panel. An output that
-//! is being switched is checked by its own action.
+//! table about an output was proven when the output was switched: the controller reported the output, and the feedback
+//! reported its effect. While the fact is valid, each state of the robot must report both unchanged. If the states
+//! contradict the fact for [`CONTRADICTION_LIMIT_MS`], the state table is informed. The work in progress is held, the
+//! tool is lifted off the panel, and the output is proven again before it is needed. A shorter contradiction is
+//! tolerated because feedbacks may change for a short time: a flow switch flutters, and a sander slows down when it
+//! touches the panel. An output that is being switched is checked by its own action.
 
 use super::DaemonError;
 use panelprep_base::verdict::Reason;
@@ -18,8 +18,8 @@ use panelprep_cell::cell::{Feedback, InputsOutputs, Output};
 use panelprep_cell::cycle::{Facts, Switch};
 use panelprep_kuka::eki::{Signal, State};
 
-/// The name of the output that rinses off the dust, if the cell has one.
-pub(super) const RINSE: &str = "rinse";
+/// Name of the output that rinses off the dust, if the cell has one.
+pub(super) const RINSE_OUTPUT_NAME: &str = "rinse";
 
 /// An output: its number, its bit in `Out` of the state message, the bit of the feedback that proves it, and the bit of
 /// the opposite feedback, if there is one.
@@ -31,7 +31,7 @@ struct Wire {
     opposite: Option<u32>,
 }
 
-/// The outputs and feedbacks of the process; each may be missing in a cell.
+/// The outputs and feedbacks of the process; a cell may have only some of them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Wiring {
     light: Option<Wire>,
@@ -45,25 +45,25 @@ pub struct Wiring {
 /// The state of a device, from its output and its feedback together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum DeviceReading {
-    /// The cell has no such output, and no feedback reports that the device is on.
+    /// The cell has no output for this device, and no feedback reports that the device is on.
     NotWired,
     /// The state is not proven: there is no feedback, or output and feedback contradict each other.
     Open,
-    /// Output and feedback both report that the device is on, or both that it is off.
+    /// Output and feedback both report that the device is on, or both report that it is off.
     Is(bool),
 }
 
 /// The bits by which a state message proves a switch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct SwitchProof {
-    /// The bits of `Out` that belong to the switch; `outputs_on` contains those that must be on.
+    /// The bits of `Out` that belong to the switch; `outputs_on` are those that must be on.
     outputs: u32,
     outputs_on: u32,
     feedback: Option<(u32, bool)>,
     opposite: Option<(u32, bool)>,
 }
 
-/// What a state message reports about a switch.
+/// The reported state of a switch's outputs and feedbacks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct SwitchFeedback {
     /// Whether the outputs are reported as they were set.
@@ -75,7 +75,7 @@ pub(super) struct SwitchFeedback {
 }
 
 impl SwitchProof {
-    /// Returns what the state reports: whether the outputs are as they were set, and the values of the feedbacks.
+    /// Returns whether this state reports the outputs as they were set, and the values of the feedbacks.
     pub(super) fn read_feedback(&self, state: &State) -> SwitchFeedback {
         let read = |feedback: Option<(u32, bool)>| feedback.map(|(bit, _)| is_input_on(state, bit));
         SwitchFeedback {
@@ -97,11 +97,11 @@ impl SwitchProof {
 
 impl Wiring {
     /// Uses the outputs `light`, `spray`, `lens_shutter`, `extraction` and `tool` with the feedbacks `water_off`,
-    /// `lens_shut`, `extraction_flow` and `tool_running`. Uses an output `rinse` if there is one; otherwise the spray
-    /// rinses. The feedback `light_on` proves the light if there is one.
+    /// `lens_shut`, `extraction_flow` and `tool_running`. If the cell has an output `rinse`, it is used for rinsing;
+    /// otherwise the spray is used. If the cell has a feedback `light_on`, it proves the light.
     ///
     /// # Errors
-    /// If the cell lacks one of these names.
+    /// If one of these names is missing in the cell's file.
     pub fn from_io(io: &InputsOutputs) -> Result<Self, DaemonError> {
         let wiring = Wiring::from_available_io(io);
         let needed = [
@@ -123,7 +123,7 @@ impl Wiring {
         Ok(wiring)
     }
 
-    /// Does the same as `from_io`, but only for the names that the cell has.
+    /// Like `from_io`, but uses only the names that are in the cell's file.
     pub(super) fn from_available_io(io: &InputsOutputs) -> Self {
         let wire = |number: Option<u16>, output: Output| {
             let number = number?;
@@ -133,7 +133,7 @@ impl Wiring {
             Some(Wire { output: number, bit, feedback, opposite })
         };
         let own = |output: Output| wire(io.output(output), output);
-        let (spray, rinse) = (own(Output::Spray), wire(io.outputs().get(RINSE).copied(), Output::Spray));
+        let (spray, rinse) = (own(Output::Spray), wire(io.outputs().get(RINSE_OUTPUT_NAME).copied(), Output::Spray));
         Wiring {
             light: own(Output::Light),
             spray: spray.or(rinse),
@@ -168,7 +168,7 @@ impl Wiring {
         wires.map(|(wire, on)| Signal { number: wire.output, on }).collect()
     }
 
-    /// Returns the bits that a state message must contain to prove this switch.
+    /// Returns the bits with which a state message proves this switch.
     pub(super) fn switch_proof(&self, switch: Switch) -> SwitchProof {
         let mut proof = SwitchProof { outputs: 0, outputs_on: 0, feedback: None, opposite: None };
         for (wire, on) in self.switch_wires(switch).into_iter().flatten() {
@@ -198,7 +198,7 @@ impl Wiring {
             Switch::Spray => (self.spray, true),
             Switch::WaterOff => (self.spray, false),
         };
-        // Both nozzles share one feedback: flow from the other nozzle must not be mistaken for flow from this one.
+        // Both nozzles share one feedback: flow from the other nozzle must not be treated as flow from this one.
         let other = match switch {
             Switch::Rinse => Some(self.spray),
             Switch::Spray | Switch::WaterOff => Some(self.rinse),
@@ -209,7 +209,7 @@ impl Wiring {
         [other, wire.map(|wire| (wire, on))]
     }
 
-    /// Returns whether the outputs of both nozzles and the feedback report that no water runs.
+    /// Returns whether the outputs of both nozzles and the feedback report that no water flows.
     pub(super) fn water_is_off(&self, state: &State) -> bool {
         self.switch_proof(Switch::WaterOff).is_satisfied(state)
     }
@@ -225,10 +225,10 @@ pub(super) fn is_input_on(state: &State, bit: u32) -> bool {
     state.inputs >> bit & 1 == 1
 }
 
-/// The time for which states may contradict a proven fact, ms.
+/// Time for which states may contradict a proven fact, ms.
 const CONTRADICTION_LIMIT_MS: u32 = 500;
 
-/// An output whose proof is contradicted, and the time since when, by the controller's clock, ms.
+/// An output whose proof is contradicted, and the time since when, on the controller's clock, ms.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct FeedbackContradiction(Option<(Switch, u32)>);
 
@@ -236,9 +236,9 @@ impl FeedbackContradiction {
     /// Returns the output that the robot's states, including this one, have contradicted for longer than the limit.
     pub(super) fn update(&mut self, wiring: &Wiring, facts: &Facts, state: &State) -> Option<Switch> {
         let now_ms = state.time_ms;
-        // Only proven states are compared: during a switch the feedback is expected to differ.
+        // Only proven switches are compared, because during switching the feedback is expected to differ.
         let contrary = facts.proven_switches().find(|switch| !wiring.switch_proof(*switch).is_satisfied(state));
-        // If the clock was set back, the time is counted again from the beginning.
+        // If the clock was set back, the time is counted again from zero.
         let last = self.0.filter(|(last, since_ms)| Some(*last) == contrary && *since_ms <= now_ms);
         self.0 = contrary.map(|switch| (switch, last.map_or(now_ms, |(_, since_ms)| since_ms)));
         let (switch, since_ms) = self.0?;
@@ -246,7 +246,7 @@ impl FeedbackContradiction {
     }
 }
 
-/// Returns the effect of a switch, and the names of the output and the feedback that proved it.
+/// Returns the effect of a switch in words, and its output.
 fn describe_switch(switch: Switch) -> (&'static str, Output) {
     match switch {
         Switch::ToolOn => ("the tool is on", Output::Tool),
@@ -267,7 +267,7 @@ fn on_off_text(on: bool) -> &'static str {
     if on { "on" } else { "off" }
 }
 
-/// Describes what the state reports about a switch's output and feedback.
+/// Describes the reported state of a switch's output and feedback.
 fn describe_state(switch: Switch, wiring: &Wiring, state: &State) -> String {
     let (_, output) = describe_switch(switch);
     let SwitchFeedback { outputs, feedback, opposite } = wiring.switch_proof(switch).read_feedback(state);
@@ -281,7 +281,7 @@ fn describe_state(switch: Switch, wiring: &Wiring, state: &State) -> String {
     std::iter::once(output_words).chain(words).collect()
 }
 
-/// Returns the reason: the proven fact that is not true any more, and what to check.
+/// Returns the reason with the proven fact that is no longer true, and what to check.
 pub(super) fn contrary_reason(switch: Switch, wiring: &Wiring, state: &State) -> Reason {
     let ((was_proven, _), tells) = (describe_switch(switch), describe_state(switch, wiring, state));
     let contrary_s = f64::from(CONTRADICTION_LIMIT_MS) / 1_000.0;
@@ -291,8 +291,8 @@ pub(super) fn contrary_reason(switch: Switch, wiring: &Wiring, state: &State) ->
     Reason::new("feedback", message)
 }
 
-/// Returns the reason: what was commanded and not proven before its deadline, and what to check. `None` if the state
-/// reports it now.
+/// Returns the reason with the command that was not proven before its deadline, and what to check. `None` if this state
+/// proves the command.
 pub(super) fn unproven_reason(switch: Switch, wiring: &Wiring, state: &State) -> Option<Reason> {
     if wiring.switch_proof(switch).is_satisfied(state) {
         return None;
@@ -337,8 +337,8 @@ mod tests {
         assert_eq!(set(&wiring, Switch::LightOff), setting(1, false, Some((0, false))), "3, 17, 18, 20, 25");
     }
 
-    /// The controller reports the output, and the feedback reports the device that it controls: neither of them alone
-    /// is a proof.
+    /// The controller reports the output, and the feedback reports the controlled device: neither of them alone is a
+    /// proof.
     #[test]
     fn a_switch_is_proven_by_its_output_and_its_feedback() {
         let cell = Cell::check("cell.toml", IO).expect("good");
@@ -373,14 +373,14 @@ mod tests {
         assert_eq!(proof(Switch::WaterOff), both(0, true));
     }
 
-    /// An output that is on does not count as off, regardless of its feedback; and a feedback that is on does not
-    /// count as off, regardless of its output.
+    /// An output that is on is not treated as off, whatever its feedback; and a feedback that is on is not treated as
+    /// off, whatever its output.
     #[test]
     fn only_output_and_feedback_together_prove_off() {
         let cell = Cell::check("cell.toml", IO).expect("good");
         let wiring = Wiring::from_io(cell.inputs_outputs()).expect("complete");
-        // In `Out`, bit 4 is the tool and bit 1 the spray; in `In`, bit 2 reports that the tool runs and bit 0 that
-        // the water is off.
+        // In `Out`, bit 4 is the tool and bit 1 the spray; in `In`, bit 2 reports that the tool runs and bit 0 that the
+        // water is off.
         for (outputs, inputs, tool_off, water_off) in [
             (0b0_0000, 0b0001, true, true),
             (0b1_0000, 0b0001, false, true),
@@ -394,8 +394,8 @@ mod tests {
         }
     }
 
-    /// A broken wire of `tool_running` looks like a stopped tool. With the additional feedback `tool_stands`, a signal
-    /// that is present proves that the tool is off.
+    /// A broken wire of `tool_running` looks like a stopped tool. The additional feedback `tool_stands` is on while the
+    /// tool is stopped, so it proves that the tool is off.
     #[test]
     fn the_absence_of_a_signal_proves_no_tool_off() {
         let wiring = |io: &str| {
@@ -434,8 +434,8 @@ mod tests {
         Wiring::from_io(Cell::check("cell.toml", FEEDBACK_IO).expect("good").inputs_outputs()).expect("complete")
     }
 
-    /// In contact: tool and extraction on, lens shutter closed, water and light off. Bits of `Out` from the lowest:
-    /// light, spray, lens shutter, extraction, tool; of `In`: water off, lens shut, flow, running.
+    /// Facts in contact: tool and extraction on, lens shutter closed, water and light off. Bits of `Out` from the
+    /// lowest: light, spray, lens shutter, extraction, tool; of `In`: water off, lens shut, flow, running.
     const CONTACT: Facts = Facts {
         tool: Tool::Running,
         water: Water::Drained,
@@ -449,8 +449,8 @@ mod tests {
         State { outputs, inputs, ..standing_state() }
     }
 
-    /// A contradiction is reported after half a second, counted from the first contrary state; a state in between that
-    /// agrees resets this time.
+    /// A contradiction is reported after half a second, counted from the first contradicting state; an agreeing state
+    /// in between resets this time.
     #[test]
     fn half_a_second_of_contrary_states_is_reported() {
         let (wiring, mut contrary) = (wiring(), FeedbackContradiction::default());
@@ -489,7 +489,7 @@ mod tests {
         }
     }
 
-    /// The text states what was proven, and whether the output or the feedback contradicts it.
+    /// The text contains the proven fact, and whether the output or the feedback contradicts it.
     #[test]
     fn the_reason_names_output_and_feedback() {
         let wiring = wiring();

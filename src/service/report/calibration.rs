@@ -1,11 +1,11 @@
-//! Pictures of calibrations.
+//! Drawings of calibrations.
 //!
 //! - The residuals of a lens calibration over the picture, and the corners to touch.
 //! - The trend of verifications, as SVG.
-//! - The remaining error over the working volume, as SVG: from above and from the side, mm in the robot's base.
-//! - The depth errors of a 3D camera over its picture. The part that is the same in each scan is shown as colour. Each
-//!   field of the picture contains three numbers: this part, the remaining error, and the number of scans on which they
-//!   are based.
+//! - The remaining error in the working volume, as SVG: from above and from the side, mm in the robot's base.
+//! - The depth errors of a 3D camera over its picture. The systematic error, which is the same in each scan, is shown
+//!   as colour. Each field of the picture contains three numbers: the systematic error, the remaining error, and the
+//!   number of scans on which they are based.
 
 use super::canvas::{Canvas, InkColor, PenWidth};
 use maud::{Markup, html};
@@ -18,19 +18,19 @@ use panelprep_vision::calib::intrinsics::Calibrated;
 use panelprep_vision::calib::scanner_errors::{MIN_SCANS, PicturePart, ScannerErrors};
 use rayon::prelude::*;
 
-/// Length of the longest residual as drawn, as a fraction of the picture's width.
-const MAX_RESIDUAL_SHARE: f64 = 0.04;
+/// Length of the longest drawn residual, as a fraction of the picture's width.
+const MAX_RESIDUAL_FRACTION: f64 = 0.04;
 const BACKGROUND: [u8; 3] = [60, 60, 60];
 
-/// Draws each used corner with its residual, enlarged until the longest residual is clearly visible. If the lens model
-/// fits, the residuals show no pattern.
+/// Draws each used corner with its residual, enlarged so that the longest residual is clearly visible. If the lens
+/// model fits, the residuals show no pattern.
 ///
 /// # Errors
-/// If OpenCV refuses to draw.
+/// If OpenCV cannot draw on the picture.
 pub fn residual_field((width, height): (usize, usize), found: &Calibrated) -> Result<ColorPicture, ImagingError> {
     let mut canvas = Canvas::from_picture(&ColorPicture::uniform(width, height, BACKGROUND))?;
     let longest = found.residuals.iter().map(|r| r.du_px.hypot(r.dv_px)).fold(1e-6, f64::max);
-    let times = MAX_RESIDUAL_SHARE * width as f64 / longest;
+    let times = MAX_RESIDUAL_FRACTION * width as f64 / longest;
     let pen = PenWidth { ink: InkColor::ORANGE, width_px: (width / 900).max(1) as i32 };
     for residual in &found.residuals {
         let end = Pixel::at(residual.pixel.u + times * residual.du_px, residual.pixel.v + times * residual.dv_px);
@@ -55,12 +55,12 @@ pub fn residual_field((width, height): (usize, usize), found: &Calibrated) -> Re
     canvas.with_legend(&[(InkColor::ORANGE, &each), (InkColor::BLUE, &mean), (InkColor::WHITE, &seen)])?.finish()
 }
 
-/// Number of columns and rows of fields into which the picture is divided; each has a mean residual.
+/// Number of columns and rows of fields into which the picture is divided; a mean residual is drawn in each field.
 const FIELD_COUNTS: (usize, usize) = (8, 6);
-/// Smallest number of residuals in a field for which the mean is drawn.
+/// Minimum number of residuals in a field for which the mean is drawn.
 const MIN_RESIDUALS_IN_FIELD: usize = 6;
 
-/// Computes the mean residual of each field of the picture, px, each with the middle of its field.
+/// Computes the mean residual of each field of the picture, px, with the centre of the field.
 fn field_means((width, height): (usize, usize), found: &Calibrated) -> Vec<(Pixel, [f64; 2])> {
     let mut sums = vec![([0.0, 0.0], 0); FIELD_COUNTS.0 * FIELD_COUNTS.1];
     for residual in &found.residuals {
@@ -85,7 +85,7 @@ fn field_means((width, height): (usize, usize), found: &Calibrated) -> Vec<(Pixe
 /// Draws the board's corners in its picture, and numbers the corners that must be touched from 1.
 ///
 /// # Errors
-/// If OpenCV refuses to draw.
+/// If OpenCV cannot draw on the picture.
 pub fn draw_corners_to_touch(
     picture: &ColorPicture,
     board: &Board,
@@ -179,7 +179,7 @@ pub fn trend(subject: &str, verifications: &[Verification]) -> String {
 /// A place in the working volume, and the remaining error there.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RemainingError {
-    /// Name of the place: the picture, or the corner that was touched.
+    /// Name of the place: a picture, or a corner that was touched.
     pub name: String,
     /// The place.
     pub place: Point<Base>,
@@ -190,22 +190,22 @@ pub struct RemainingError {
 const VIEW_SIDE_PX: f64 = 420.0;
 const VIEW_MARGIN_PX: f64 = 60.0;
 const VIEW_TOP_PX: f64 = 70.0;
-/// Radius of a circle whose error is equal to the limit, px.
+/// Radius of the circle for an error equal to the limit, px.
 const LIMIT_RADIUS_PX: f64 = 16.0;
 const MAX_RADIUS_PX: f64 = 32.0;
-/// Colours of errors within and beyond the limit, which colour-blind people can distinguish; errors beyond the limit
-/// also have a thick rim.
+/// Colours of errors within the limit, and below it beyond the limit, which colour-blind people can distinguish; errors
+/// beyond the limit also have a thick rim.
 const WITHIN_LIMIT_COLOR: &str = "#0072b2";
 const BEYOND_LIMIT_COLOR: &str = "#d55e00";
 
-/// Draws two views of the same places, both with x to the right: one with y upwards, one with z upwards. The larger the
-/// error, the larger the circle.
+/// Draws two views of the places, both with x to the right: one with y upwards, one with z upwards. The radius of a
+/// circle is proportional to the error.
 pub fn error_map(title: &str, places: &[RemainingError], limit_mm: f64) -> String {
     let width = 2.0 * (VIEW_SIDE_PX + VIEW_MARGIN_PX) + VIEW_MARGIN_PX;
     let height = VIEW_TOP_PX + VIEW_SIDE_PX + VIEW_MARGIN_PX;
     let worst_mm = places.iter().map(|left| left.error_mm).fold(0.0, f64::max);
     let rms_mm = (places.iter().map(|left| left.error_mm.powi(2)).sum::<f64>() / places.len().max(1) as f64).sqrt();
-    // All axes have the same scale, so that a view is not distorted.
+    // All axes have the same scale, so that the views are not distorted.
     let coordinates = |axis: usize| places.iter().map(move |left| left.place.mm[axis]);
     let bounds = [0, 1, 2].map(|axis| {
         let (low, high) =
@@ -270,23 +270,24 @@ fn circle(left: &RemainingError, (cx, cy): (f64, f64), limit_mm: f64) -> Markup 
     }
 }
 
-/// Formats a coordinate of a drawing, to a tenth of a pixel.
+/// Formats a coordinate of a drawing with a resolution of 0.1 px.
 fn format_tenths(px: f64) -> String {
     format!("{px:.1}")
 }
 
-/// Largest width of the drawn picture, px.
+/// Maximum width of the drawn picture, px.
 const MAX_DEPTH_MAP_PX: usize = 1200;
-/// The colours reach their full strength at the largest error of the picture, but not below this error, mm.
+/// Minimum error at which the colours have their full strength, mm. They have it at the largest error of the picture,
+/// if this is greater.
 const MIN_FULL_COLOR_MM: f64 = 0.01;
 const FAR_COLOR: InkColor = InkColor::VERMILLION;
 const NEAR_COLOR: InkColor = InkColor::DEEP_BLUE;
 const UNKNOWN_COLOR: InkColor = InkColor([150, 150, 150]);
 
-/// Draws the scanner's depth errors as a picture with a legend.
+/// Draws the depth errors of the scanner as a picture with a legend.
 ///
 /// # Errors
-/// If OpenCV refuses to draw.
+/// If OpenCV cannot draw the picture.
 pub fn depth_error_map(camera: &PinholeCamera, found: &ScannerErrors) -> Result<ColorPicture, ImagingError> {
     let step = camera.width_px.div_ceil(MAX_DEPTH_MAP_PX).max(1);
     let (width, height) = (camera.width_px / step, camera.height_px / step);
@@ -323,14 +324,14 @@ pub fn depth_error_map(camera: &PinholeCamera, found: &ScannerErrors) -> Result<
     }
     let same = match found.field {
         Some(_) => format!(
-            "error that is the same in each scan, corrected from now on; values at a distance of \
+            "systematic error, the same in each scan, which is corrected from now on; values at a distance of \
              {REFERENCE_DEPTH_MM:.0} mm"
         ),
-        None => "no error that is the same in each scan was found".to_owned(),
+        None => "no systematic error, the same in each scan, was found".to_owned(),
     };
     let far = format!("measured {most_mm:.2} mm or more too far");
     let near = format!("measured {most_mm:.2} mm or more too near");
-    let left = "left: remaining deviation of the scans from a plane, mm rms";
+    let left = "left number: remaining deviation of the scans from a plane, mm rms";
     let unknown = format!("the board was seen here in fewer than {MIN_SCANS} scans");
     let legend = [
         (InkColor::WHITE, same.as_str()),
@@ -356,8 +357,8 @@ mod tests {
     use super::*;
     use panelprep_vision::calib::health::Strike;
 
-    /// Calculated by hand: the largest of all errors and limits is 1.0. It is drawn at 1/1.1 of the axis: 265 − 210/1.1
-    /// = 74.1.
+    /// Expected value, calculated by hand: the maximum of all errors and limits is 1.0. It is drawn at 1/1.1 of the
+    /// axis: 265 − 210/1.1 = 74.1.
     #[test]
     fn a_trend_shows_every_verification_and_marks_failed_ones() {
         let verified = |error: f64, at_unix_s: i64| Verification {
@@ -385,8 +386,8 @@ mod tests {
         assert!(!trend("tool", &[]).contains("NaN") && !trend("tool", &[]).contains("circle"));
     }
 
-    /// Calculated by hand: the circle of the limit has a radius of 16 px. Half of the limit has 8 px; three times the
-    /// limit has 32 px, the largest radius, and the other colour.
+    /// Expected radii, calculated by hand: 16 px for the limit; 8 px for half of the limit; 32 px for three times the
+    /// limit, which is the maximum radius, with the other colour.
     #[test]
     fn the_radius_of_a_circle_shows_its_error() {
         let left = |name: &str, x, error_mm| RemainingError {
@@ -398,7 +399,7 @@ mod tests {
         assert!(svg.contains("a &amp; b") && svg.contains("2 places, 1.075 mm rms, largest 1.500 mm"), "{svg}");
         assert_eq!(svg.matches("r=\"8.0\" fill=\"#0072b2\"").count(), 2, "in both views");
         assert_eq!(svg.matches("r=\"32.0\" fill=\"#d55e00\"").count(), 2);
-        // The points are 200 mm apart; the drawing spans 1.2 times this distance: 420 px / 240 mm.
+        // The points are 200 mm apart. The drawing covers 1.2 times this distance, so the scale is 420 px / 240 mm.
         assert!(svg.contains("cx=\"95.0\"") && svg.contains("cx=\"445.0\""), "{svg}");
     }
 }

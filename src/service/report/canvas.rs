@@ -1,7 +1,8 @@
 //! Drawing on a picture: lines, areas, labels and a scale bar, in colours that colour-blind people can distinguish; and
-//! a ruler of the picture's pixels, on which a person reads the pixel position of a place.
+//! a ruler along the picture, on which a person reads pixel coordinates.
 //!
-//! Every line and label has a dark rim, so that it is readable on light and on dark backgrounds. OpenCV draws.
+//! Every line and label has a dark rim, so that it is readable on light and on dark backgrounds. The drawing functions
+//! are those of OpenCV.
 
 use opencv::core::{Mat, MatTraitConst, MatTraitConstManual, MatTraitManual, Point2i, Scalar, Size, Vector};
 use opencv::imgproc;
@@ -16,13 +17,13 @@ pub struct InkColor(pub [u8; 3]);
 impl InkColor {
     /// Colour of expected or taught objects.
     pub const BLUE: InkColor = InkColor([86, 180, 233]);
-    /// Colour for detected breaks.
+    /// Colour of detected water breaks.
     pub const ORANGE: InkColor = InkColor([230, 159, 0]);
-    /// Colour for failed grids and values beyond a limit.
+    /// Colour of failed grids and values beyond a limit.
     pub const VERMILLION: InkColor = InkColor([213, 94, 0]);
-    /// Colour for one end of a colour scale; the other end is vermillion.
+    /// Colour of one end of a colour scale; the other end is vermillion.
     pub const DEEP_BLUE: InkColor = InkColor([0, 114, 178]);
-    /// Colour for passed grids and values within a limit.
+    /// Colour of passed grids and values within a limit.
     pub const GREEN: InkColor = InkColor([0, 158, 115]);
     /// Tool paths.
     pub const YELLOW: InkColor = InkColor([240, 228, 66]);
@@ -30,7 +31,7 @@ impl InkColor {
     pub const WHITE: InkColor = InkColor([255, 255, 255]);
     pub(super) const RIM: InkColor = InkColor([20, 20, 20]);
 
-    /// Mixes this colour with a share of another colour, 0…1.
+    /// Mixes this colour with a fraction of another colour, 0 to 1.
     #[must_use]
     pub fn mix_with(self, other: InkColor, share: f64) -> InkColor {
         let mix = |i: usize| (f64::from(self.0[i]) * (1.0 - share) + f64::from(other.0[i]) * share).round() as u8;
@@ -52,20 +53,20 @@ pub struct PenWidth {
     pub width_px: i32,
 }
 
-/// Number of sub-pixel bits in the coordinates for OpenCV's drawing.
+/// Number of fractional bits in the fixed-point coordinates for OpenCV's drawing functions.
 const SUB_PIXEL_BITS: i32 = 4;
 const FONT: i32 = imgproc::FONT_HERSHEY_SIMPLEX;
-/// Height of a capital letter at scale 1, px.
+/// Height of a capital letter at font scale 1, px.
 const FONT_HEIGHT_PX: f64 = 22.0;
 
-/// Lengths that a scale bar may have, mm.
+/// Possible lengths of a scale bar, mm.
 const SCALE_BAR_LENGTHS_MM: [f64; 9] = [500.0, 200.0, 100.0, 50.0, 20.0, 10.0, 5.0, 2.0, 1.0];
-/// Longest scale bar, as a fraction of the picture's width.
-const MAX_SCALE_BAR_SHARE: f64 = 0.25;
+/// Maximum length of a scale bar, as a fraction of the picture's width.
+const MAX_SCALE_BAR_FRACTION: f64 = 0.25;
 
 /// Possible distances between two numbers of a ruler, px.
 const RULER_STEPS_PX: [usize; 6] = [20, 50, 100, 200, 500, 1000];
-/// Largest number of numbers along a ruler.
+/// Maximum number of numbers along a ruler.
 const MAX_RULER_NUMBERS: usize = 20;
 
 /// A picture on which the program draws.
@@ -77,7 +78,7 @@ fn drawing_result<T>(result: opencv::Result<T>) -> Result<T, ImagingError> {
     result.map_err(|error| ImagingError { operation: "a drawing", words: error.message })
 }
 
-/// Replaces letters that are not ASCII, because OpenCV's fonts would show them as question marks.
+/// Replaces characters that are not ASCII, because OpenCV's fonts would show them as question marks.
 fn ascii(text: &str) -> String {
     text.replace('²', "2")
         .replace('µ', "u")
@@ -102,14 +103,14 @@ impl Canvas {
     /// Creates a canvas with a copy of a picture.
     ///
     /// # Errors
-    /// If OpenCV refuses the picture, for example an empty one.
+    /// If OpenCV cannot use the picture, for example because it is empty.
     pub fn from_picture(picture: &ColorPicture) -> Result<Self, ImagingError> {
         let flat = drawing_result(Mat::from_slice(picture.rgb.as_flattened()))?;
         let shaped = drawing_result(flat.reshape(3, picture.height as i32))?;
         Ok(Canvas { mat: drawing_result(shaped.try_clone())? })
     }
 
-    /// Returns the picture with everything that was drawn.
+    /// Returns the picture with all drawings.
     ///
     /// # Errors
     /// If OpenCV does not return the pixels.
@@ -119,10 +120,10 @@ impl Canvas {
         Ok(ColorPicture { width, height, rgb: bytes.as_chunks::<3>().0.to_vec() })
     }
 
-    /// Draws a line through pixels.
+    /// Draws a polyline through these pixels.
     ///
     /// # Errors
-    /// If OpenCV refuses to draw; the same applies to the other shapes.
+    /// If OpenCV cannot draw on the picture. This also applies to the other shapes.
     pub fn polyline(&mut self, pixels: &[Pixel], closed: bool, pen: PenWidth) -> Result<(), ImagingError> {
         if pixels.len() < 2 {
             return Ok(());
@@ -171,7 +172,7 @@ impl Canvas {
     }
 
     /// Draws a label on a dark background; `at` is the left end of the text's baseline. A label that would extend
-    /// beyond the picture is moved completely inside.
+    /// beyond the picture is moved completely into the picture.
     ///
     /// # Errors
     /// As [`Canvas::polyline`].
@@ -202,13 +203,13 @@ impl Canvas {
         Ok(())
     }
 
-    /// Draws a scale bar in the lower left corner, at most a quarter of the picture's width long; `px_per_mm` is the
+    /// Draws a scale bar in the lower left corner, with at most a quarter of the picture's width; `px_per_mm` is the
     /// scale at the panel's depth.
     ///
     /// # Errors
     /// As [`Canvas::polyline`].
     pub fn scale_bar_within(&mut self, px_per_mm: f64) -> Result<(), ImagingError> {
-        let most_px = MAX_SCALE_BAR_SHARE * f64::from(self.mat.cols());
+        let most_px = MAX_SCALE_BAR_FRACTION * f64::from(self.mat.cols());
         let bar_mm = SCALE_BAR_LENGTHS_MM.into_iter().find(|bar_mm| bar_mm * px_per_mm <= most_px);
         self.scale_bar(bar_mm.unwrap_or(SCALE_BAR_LENGTHS_MM[SCALE_BAR_LENGTHS_MM.len() - 1]), px_per_mm)
     }
@@ -233,7 +234,7 @@ impl Canvas {
         self.label(above, &format!("{length_mm:.0} mm"), text_px, InkColor::WHITE)
     }
 
-    /// Adds a dark band with a legend above the picture: a line in each colour, beside its meaning.
+    /// Adds a dark band with a legend above the picture: a line in each colour, and its meaning.
     ///
     /// # Errors
     /// As [`Canvas::polyline`].
@@ -242,7 +243,7 @@ impl Canvas {
         let line_px = text_px * 1.8;
         let band = (line_px * (lines.len() as f64 + 0.4)).ceil() as i32;
         let (border, ground) = (opencv::core::BORDER_CONSTANT, InkColor::RIM.scalar());
-        // A small picture is made as wide as its legend.
+        // A picture that is narrower than its legend is widened.
         let (scale, weight) = letter_size(text_px);
         let mut widest = 0;
         for (_, meaning) in lines {
@@ -262,8 +263,8 @@ impl Canvas {
         Ok(canvas)
     }
 
-    /// Adds a ruler of the picture's pixels above and to the left of it, and faint lines across the picture at the
-    /// numbers of the ruler.
+    /// Adds a pixel ruler above the picture and to the left of it, and faint lines across the picture at the numbers of
+    /// the ruler.
     ///
     /// # Errors
     /// As [`Canvas::polyline`].
@@ -332,7 +333,7 @@ pub fn crop(picture: &ColorPicture, left: usize, top: usize, size: (usize, usize
 /// Scales the picture to another width and keeps its aspect ratio.
 ///
 /// # Errors
-/// If OpenCV refuses the picture.
+/// If OpenCV cannot scale the picture.
 pub fn resize_to_width(picture: &ColorPicture, width: usize) -> Result<ColorPicture, ImagingError> {
     let height = (picture.height * width).div_ceil(picture.width.max(1)).max(1);
     let canvas = Canvas::from_picture(picture)?;
@@ -344,12 +345,12 @@ pub fn resize_to_width(picture: &ColorPicture, width: usize) -> Result<ColorPict
 
 /// Joins pictures of the same size side by side, `columns` in each row.
 pub fn join_pictures(pictures: &[ColorPicture], columns: usize) -> ColorPicture {
-    const GAP: usize = 6;
+    const GAP_PX: usize = 6;
     let Some(first) = pictures.first() else { return ColorPicture::uniform(1, 1, [255; 3]) };
     let columns = columns.clamp(1, pictures.len());
     let rows = pictures.len().div_ceil(columns);
-    let (step_u, step_v) = (first.width + GAP, first.height + GAP);
-    let mut sheet = ColorPicture::uniform(columns * step_u - GAP, rows * step_v - GAP, [255; 3]);
+    let (step_u, step_v) = (first.width + GAP_PX, first.height + GAP_PX);
+    let mut sheet = ColorPicture::uniform(columns * step_u - GAP_PX, rows * step_v - GAP_PX, [255; 3]);
     for (index, picture) in pictures.iter().enumerate() {
         let (left, top) = (index % columns * step_u, index / columns * step_v);
         for row in 0..picture.height.min(first.height) {
@@ -391,7 +392,7 @@ mod tests {
         }
     }
 
-    /// A legend of 30 letters on a picture 60 px wide: no letter is cut off. A wide picture keeps its width.
+    /// A legend of 30 letters on a picture with a width of 60 px is shown completely. A wide picture keeps its width.
     #[test]
     fn a_legend_is_never_cut_off() {
         let width = |px: usize| {
@@ -407,8 +408,9 @@ mod tests {
         assert_eq!(width(900), 900);
     }
 
-    /// By hand: a quarter of the way from black (20, 20, 20) to white is 20 + 0.25 · 235 = 78.75. In a picture 300 px
-    /// wide, a bar may be up to 75 px long: 20 mm at 3 px per mm, 5 mm at 10 px per mm.
+    /// Expected values, calculated by hand: the colour at a quarter between black (20, 20, 20) and white is 20 + 0.25 ·
+    /// 235 = 78.75. In a picture with a width of 300 px, a bar may be up to 75 px long: 20 mm at 3 px per mm, 5 mm at
+    /// 10 px per mm.
     #[test]
     fn mixed_colours_and_scale_bars_have_the_calculated_values() {
         assert_eq!(InkColor::RIM.mix_with(InkColor::WHITE, 0.25), InkColor([79; 3]));
@@ -427,7 +429,8 @@ mod tests {
         );
     }
 
-    /// Calculated by hand: pixel (3, 2) of the picture is pixel (1, 1) of the part that begins at (2, 1).
+    /// Expected value, calculated by hand: pixel (3, 2) of the picture is pixel (1, 1) of the part that begins at (2,
+    /// 1).
     #[test]
     fn a_cropped_part_begins_at_the_given_pixel() {
         let mut picture = ColorPicture::uniform(6, 5, [0; 3]);
@@ -444,8 +447,8 @@ mod tests {
         assert_eq!(sheet.rgb[10 * 14], [3; 3]);
     }
 
-    /// By hand: 300 px have 15 numbers 20 px apart. The picture begins where the ruler ends, and its lines are at
-    /// multiples of this step.
+    /// Expected values, calculated by hand: on 300 px there are 15 numbers at distances of 20 px. The picture begins
+    /// where the ruler ends, and its lines are at multiples of 20 px.
     #[test]
     fn a_ruler_outside_of_the_picture_counts_its_pixels() {
         let mut plain = ColorPicture::uniform(300, 200, [90; 3]);

@@ -1,12 +1,13 @@
-//! Charts of results: a trend over many cycles, the breaks of each grid, and a bar chart.
+//! Charts of results: a trend over many cycles, the water breaks of each grid, and a bar chart.
 //!
-//! - The trend is a drawing (SVG) of a number over many cycles: its values, the limits with which they were compared,
-//!   their usual range, and the values that are unusual or beyond their limit. Colour is never the only sign: a usual
+//! - The trend is a drawing (SVG) of a value over many cycles: the values, the limits with which they were compared,
+//!   their usual range, and the values that are unusual or beyond their limit. Colour is never the only symbol: a usual
 //!   value is a dot, an unusual one a triangle, one beyond its limit a cross. The drawing contains CSS classes and no
 //!   colours; the page's style sheet defines the colours, for light and dark display.
-//! - The heat map shows on which grids the film breaks, over many parts: the panel's grids as they lie on the panel,
-//!   each with its number of breaks and the time after which it broke. The shade shows the share of films that broke.
-//! - The bar chart is a picture that shows the percentage of each class.
+//! - The heat map shows on which grids the film breaks, over many parts: the panel's grids in their arrangement on the
+//!   panel, each with its number of water breaks and the time to break. The shade shows the fraction of films that
+//!   broke.
+//! - The bar chart is a picture that shows the percentage of each category.
 
 use super::canvas::{Canvas, InkColor, PenWidth};
 use super::page::format_value;
@@ -23,10 +24,10 @@ const LEFT_EDGE: f64 = 78.0;
 const RIGHT_EDGE: f64 = 14.0;
 const TOP: f64 = 14.0;
 const BOTTOM: f64 = 54.0;
-/// Largest number of dates below the chart.
+/// Maximum number of dates below the chart.
 const MAX_DATES: usize = 6;
 
-/// The texts of a chart, in the reader's language.
+/// The texts of a chart, in the visitor's language.
 #[derive(Debug, Clone, Copy)]
 pub struct ChartTexts<'w> {
     /// Text below the horizontal axis.
@@ -43,7 +44,7 @@ pub struct ChartTexts<'w> {
     pub mean: &'w str,
 }
 
-/// The class of a value.
+/// Whether a value is usual, unusual or beyond its limit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum PointKind {
     Usual,
@@ -51,7 +52,7 @@ enum PointKind {
     Beyond,
 }
 
-/// Draws the chart; each value links to the page of its cycle. If there is no value, the frame is empty.
+/// Draws the chart; each value is a link to the page of its cycle. If there is no value, the frame is empty.
 pub fn trend_chart(trend: &Trend, words: ChartTexts<'_>) -> Markup {
     let limits = trend.points.iter().filter_map(|point| point.limit.value());
     let values = trend.points.iter().map(|point| point.value).chain(limits);
@@ -94,12 +95,12 @@ pub fn trend_chart(trend: &Trend, words: ChartTexts<'_>) -> Markup {
     }
 }
 
-/// Formats a coordinate of the drawing, to a tenth.
+/// Formats a coordinate of the drawing with one decimal.
 fn format_coordinate(place: f64) -> String {
     fixed_decimals(place, 1).to_string()
 }
 
-/// Returns the horizontal position of the value with this index.
+/// Returns the horizontal coordinate of the value with this index.
 fn horizontal_position(index: usize, count: usize) -> f64 {
     LEFT_EDGE + (index as f64 + 0.5) / count.max(1) as f64 * (TREND_WIDTH - LEFT_EDGE - RIGHT_EDGE)
 }
@@ -151,7 +152,7 @@ fn kind(trend: &Trend, index: usize, point: &TrendPoint) -> PointKind {
     if trend.hints.iter().any(|hint| hint.at == index) { PointKind::Unusual } else { PointKind::Usual }
 }
 
-/// Draws a value with its description, and a link if it belongs to a cycle.
+/// Draws a value with its description, and a link if the value belongs to a cycle.
 fn draw_point(trend: &Trend, index: usize, point: &TrendPoint, [x, y]: [f64; 2]) -> Markup {
     let limit = match point.limit {
         Limit::Unlimited => String::new(),
@@ -183,12 +184,12 @@ fn sample(mark: PointKind) -> Markup {
     html! { svg.sample viewBox="-12 -8 24 16" aria-hidden="true" { (shape(mark)) } }
 }
 
-/// An axis from its lowest to its highest value, over a length in the chart.
+/// An axis between two values, over a length in the chart.
 #[derive(Debug, Clone, PartialEq)]
 struct Axis {
     min: f64,
     max: f64,
-    /// Position of `min` in the chart; `to` is the position of `max`.
+    /// Coordinate of `min` in the chart; `to` is the coordinate of `max`.
     from: f64,
     to: f64,
 }
@@ -205,13 +206,13 @@ impl Axis {
         Axis { min: low - room, max: high + room, from, to }
     }
 
-    /// Returns the position of a value.
+    /// Returns the coordinate of a value.
     fn position(&self, value: f64) -> f64 {
         self.from + (value - self.min) / (self.max - self.min) * (self.to - self.from)
     }
 
-    /// Returns about this number of round values on the axis, each with its text; two neighbours differ by 1, 2 or 5
-    /// times a power of ten.
+    /// Returns approximately this number of round values on the axis, each with its text. Adjacent values differ by 1,
+    /// 2 or 5 times a power of ten.
     fn ticks(&self, about: usize) -> Vec<(f64, String)> {
         let rough = (self.max - self.min) / about.max(1) as f64;
         let power = 10.0_f64.powf(rough.log10().floor());
@@ -255,7 +256,7 @@ pub fn heat_chart(map: &HeatMap, words: &str) -> Markup {
     }
 }
 
-/// Returns 0 for a grid that never broke; otherwise 1 to 4, according to the share of films that broke on it.
+/// Returns 0 for a grid that never broke; otherwise 1 to 4, according to the fraction of films that broke on this grid.
 fn shade_index(cell: &HeatCell) -> u8 {
     if cell.breaks == 0 || cell.films == 0 {
         return 0;
@@ -266,16 +267,16 @@ fn shade_index(cell: &HeatCell) -> u8 {
 /// One class.
 #[derive(Debug, Clone)]
 pub struct BarClass {
-    /// Label of the class.
+    /// Label of the category.
     pub label: String,
     /// Its share, 0…1.
     pub share: f64,
 }
 
-/// Draws a bar chart: the title, and below it one bar for each class.
+/// Draws a bar chart: the title, and below it one bar for each category.
 ///
 /// # Errors
-/// If OpenCV refuses to draw.
+/// If OpenCV cannot draw the picture.
 pub fn draw_bars(title: &str, bars: &[BarClass]) -> Result<ColorPicture, ImagingError> {
     const WIDTH_PX: usize = 760;
     const LINE_PX: f64 = 34.0;
@@ -337,7 +338,7 @@ mod tests {
     fn each_kind_of_value_has_its_own_symbol_and_each_limit_a_line() {
         let svg = drawn();
         let count = |text: &str| svg.matches(text).count();
-        // One mark in the chart and one in its legend.
+        // One symbol in the chart and one in its legend.
         assert_eq!(count("class=\"beyond\""), 2);
         assert!(count("class=\"unusual\"") >= 2, "0.20 is within 0.25 and unusual");
         assert_eq!(count("class=\"limit\""), 3, "two stretches and the key");
@@ -347,14 +348,15 @@ mod tests {
         assert!(!svg.contains("style="), "the page allows no style in a text");
     }
 
-    /// By hand: two values are at a quarter and at three quarters of the width 900 - 78 - 14 = 808, measured from 78.
+    /// Expected coordinates, calculated by hand: two values are at a quarter and at three quarters of the width 900 -
+    /// 78 - 14 = 808, measured from 78.
     #[test]
     fn values_are_at_their_calculated_positions() {
         let points = vec![point(1, 1.0, Limit::Unlimited), point(2, 3.0, Limit::Unlimited)];
         assert_eq!((horizontal_position(0, 2), horizontal_position(1, 2)), (280.0, 684.0));
         let vertical = Axis::covering([1.0, 3.0].into_iter(), [100.0, 0.0]);
-        // The axis extends by 8 % of the range 2 at both ends, from 0.84 to 3.16, so that 1 is 0.16 / 2.32 = 6.9 %
-        // above its lower end.
+        // The axis extends by 8 % of the range 2 at both ends, from 0.84 to 3.16. Therefore the value 1 is at 0.16 /
+        // 2.32 = 6.9 % of the axis.
         assert_eq!(line(&points, &vertical), "M280.0 93.1L684.0 6.9");
         assert_eq!(limit_paths(&points, &vertical), [] as [String; 0]);
         let empty =
@@ -362,8 +364,8 @@ mod tests {
         assert!(empty.contains("<svg") && !empty.contains("<a href"));
     }
 
-    /// Calculated by hand: 0.05 to 0.25 with 8 % of 0.2 at both ends is 0.034 to 0.266, and steps of 0.05 result in
-    /// five values.
+    /// Expected values, calculated by hand: the range 0.05 to 0.25 with 8 % of 0.2 at both ends is 0.034 to 0.266. With
+    /// steps of 0.05, the axis has five values.
     #[test]
     fn axis_ticks_have_round_values() {
         let axis = Axis::covering([0.05, 0.25, f64::NAN].into_iter(), [300.0, 0.0]);
@@ -393,9 +395,10 @@ mod tests {
         HeatCell { grid: grid.to_owned(), row: at.0, column: at.1, films: 12, breaks, median_s }
     }
 
-    /// Calculated by hand: 1 and 3 of 12 films are at most a quarter; 4 are more than a quarter; 12 are all films.
+    /// Expected shades, calculated by hand: 1 and 3 of 12 films are at most a quarter; 4 are more than a quarter; 12
+    /// are all films.
     #[test]
-    fn the_shade_follows_the_share_of_broken_films() {
+    fn the_shade_increases_with_the_fraction_of_broken_films() {
         let shades = [0, 1, 3, 4, 12].map(|breaks| shade_index(&cell("r1c1", (1, 1), breaks, None)));
         assert_eq!(shades, [0, 1, 1, 2, 4]);
     }

@@ -1,7 +1,7 @@
-//! Close-up pictures: the corner before and after its correction, the water film as a strip of pictures in the order of
-//! time, and each grid that failed.
+//! Close-up pictures: the corner before and after its correction, the water film as a strip of pictures ordered by
+//! time, and each failed grid.
 //!
-//! The close-up of a grid shows the film at the end, an outline of the broken area, and a text with the size of this
+//! The close-up of a grid shows the film at its end, an outline of the broken area, and a text with the size of this
 //! area and the time to break. Each close-up has its own scale.
 
 use super::canvas::{Canvas, InkColor, PenWidth, crop, join_pictures, resize_to_width};
@@ -10,14 +10,14 @@ use panelprep_base::geometry::{ColorPicture, Mask, Pixel};
 use panelprep_cell::imaging::{ImagingError, outer_contours};
 use panelprep_cell::panel::Grid;
 
-/// A corner as the flange camera sees it.
+/// The view of a corner by the flange camera.
 #[derive(Debug, Clone, Copy)]
 pub struct CornerView<'a> {
     /// The flange camera's picture.
     pub picture: &'a ColorPicture,
-    /// The expected position of the corner.
+    /// The expected position of the corner in the picture.
     pub expected_px: Pixel,
-    /// The found position of the corner.
+    /// The detected position of the corner in the picture.
     pub found_px: Pixel,
     /// Scale of the picture at the corner.
     pub px_per_mm: f64,
@@ -27,13 +27,13 @@ pub struct CornerView<'a> {
 const CORNER_WIDTH_PX: usize = 720;
 
 impl CornerView<'_> {
-    /// Draws the corner enlarged, with both positions marked; `title` states whether this is before or after the
-    /// correction.
+    /// Draws the corner enlarged, with both positions marked; `title` states whether the picture is from before or
+    /// after the correction.
     ///
     /// # Errors
-    /// If OpenCV refuses to draw.
+    /// If OpenCV cannot draw on the picture.
     pub fn draw(&self, title: &str) -> Result<ColorPicture, ImagingError> {
-        // Both marks and a part of the panel's edge must be visible, however far the marks are apart.
+        // Both marks and a part of the panel's edge must be visible, even if the marks are far apart.
         let apart_px = self.expected_px.distance_px(self.found_px);
         let half_px = (apart_px * 1.3).max(8.0 * self.px_per_mm);
         let left = (self.found_px.u - half_px).max(0.0);
@@ -44,7 +44,7 @@ impl CornerView<'_> {
         let zoom = CORNER_WIDTH_PX as f64 / part.width.max(1) as f64;
         let mut canvas = Canvas::from_picture(&resize_to_width(&part, CORNER_WIDTH_PX)?)?;
         let place = |pixel: Pixel| {
-            // Pixel centres are whole numbers: half a pixel is added before the enlargement and subtracted after
+            // Pixel centres have integer coordinates: half a pixel is added before the enlargement and subtracted after
             // it.
             let enlarge = |n: f64, first: usize| (n - first as f64 + 0.5) * zoom - 0.5;
             Pixel::at(enlarge(pixel.u, left_px), enlarge(pixel.v, top_px))
@@ -64,18 +64,18 @@ impl CornerView<'_> {
 /// One picture of a film strip.
 #[derive(Debug, Clone)]
 pub struct StripPicture {
-    /// The clip's picture, cut to the region.
+    /// The picture of the clip, cropped to the region.
     pub picture: ColorPicture,
     /// The pixels that were broken at the time of the picture.
     pub broken: Mask,
-    /// Its label, such as the time.
+    /// The label of the picture, such as its time.
     pub label: String,
 }
 
-/// Draws the film over time: pictures side by side, each with the area that had broken by then.
+/// Draws the film over time: pictures side by side, each with the area that was broken at its time.
 ///
 /// # Errors
-/// If OpenCV refuses to draw.
+/// If OpenCV cannot draw on a picture.
 pub fn film_strip(pictures: &[StripPicture]) -> Result<ColorPicture, ImagingError> {
     const WIDTH_PX: usize = 420;
     let one = |strip: &StripPicture| {
@@ -89,8 +89,8 @@ pub fn film_strip(pictures: &[StripPicture]) -> Result<ColorPicture, ImagingErro
     Ok(join_pictures(&drawn, 3))
 }
 
-/// Returns the times of the strip's six pictures, s after the first fully wet picture: close together while the film
-/// opens.
+/// Returns the times of the six pictures of a strip, s after the first fully wet picture: close together while the film
+/// breaks.
 pub fn strip_times_s(opens_s: Option<f64>, end_s: f64) -> [f64; 6] {
     let times_s = match opens_s {
         // The film is already broken in the first picture.
@@ -112,8 +112,8 @@ pub fn bounds(pixels: impl IntoIterator<Item = Pixel>, (width, height): (usize, 
     [low, high]
 }
 
-/// Cuts the same box out of a picture and a mask.
-pub fn cut_out(picture: &ColorPicture, mask: &Mask, [low, high]: [(usize, usize); 2]) -> (ColorPicture, Mask) {
+/// Crops a picture and a mask to the same box.
+pub fn crop_with_mask(picture: &ColorPicture, mask: &Mask, [low, high]: [(usize, usize); 2]) -> (ColorPicture, Mask) {
     let size = (high.0.saturating_sub(low.0).max(1), high.1.saturating_sub(low.1).max(1));
     let part = crop(picture, low.0, low.1, size);
     let rows = (low.1..low.1 + part.height).flat_map(|row| &mask.inside[row * mask.width + low.0..][..part.width]);
@@ -122,7 +122,7 @@ pub fn cut_out(picture: &ColorPicture, mask: &Mask, [low, high]: [(usize, usize)
     (part, mask)
 }
 
-/// A grid that failed.
+/// A failed grid and the text for its close-up.
 #[derive(Debug, Clone)]
 pub struct FailedGrid<'g> {
     /// The grid.
@@ -135,18 +135,18 @@ pub struct FailedGrid<'g> {
 const GRID_WIDTH_PX: usize = 320;
 /// Height of the band with the title, px.
 const TITLE_BAND_HEIGHT_PX: usize = 26;
-/// Height of the title's letters, px.
+/// Height of the letters of the title, px.
 const TITLE_TEXT_HEIGHT_PX: f64 = 13.0;
 /// Number of close-ups in one row.
 const PICTURES_PER_ROW: usize = 4;
-/// Margin around a grid, as a share of its width.
-const MARGIN_SHARE: f64 = 0.12;
+/// Margin around a grid, as a fraction of its width.
+const GRID_MARGIN_FRACTION: f64 = 0.12;
 
 impl PanelOverlay<'_> {
-    /// Draws the failed grids side by side; `None` if none failed, or none is in the picture.
+    /// Draws the failed grids side by side; `None` if no grid failed, or none of them is in the picture.
     ///
     /// # Errors
-    /// If OpenCV refuses to draw.
+    /// If OpenCV cannot draw on a picture.
     pub fn failed_grids(
         &self,
         broken: &Mask,
@@ -178,11 +178,11 @@ impl PanelOverlay<'_> {
     }
 }
 
-/// Cuts out the grid with a margin around it; `None` if the grid is outside of the picture.
+/// Crops the picture to the grid with a margin around it; `None` if the grid is outside of the picture.
 fn crop_to_grid(whole: &ColorPicture, edge: &[Pixel]) -> Option<ColorPicture> {
     let [low, high] = bounds(edge.iter().copied(), (whole.width, whole.height));
     let (width, height) = (high.0.checked_sub(low.0)?, high.1.checked_sub(low.1)?);
-    let margin = (width as f64 * MARGIN_SHARE).ceil() as usize;
+    let margin = (width as f64 * GRID_MARGIN_FRACTION).ceil() as usize;
     let (left, top) = (low.0.saturating_sub(margin), low.1.saturating_sub(margin));
     Some(crop(whole, left, top, (width + 2 * margin, height + 2 * margin)))
 }
@@ -209,7 +209,7 @@ fn draw_close_up(part: &ColorPicture, px_per_mm: f64, title: &str) -> Result<Col
     canvas.finish()
 }
 
-/// Adds white below the picture, up to this height.
+/// Extends the picture downwards to this height, in white.
 fn extend_below(picture: &ColorPicture, height: usize) -> ColorPicture {
     let mut rgb = picture.rgb.clone();
     rgb.resize(picture.width * height, InkColor::WHITE.0);
@@ -220,9 +220,9 @@ fn extend_below(picture: &ColorPicture, height: usize) -> ColorPicture {
 mod tests {
     use super::*;
 
-    /// A white square of 4 px × 4 px in a dark picture of 100 × 80 px; the grid extends from (30, 20) to (70, 40). By
-    /// hand: 40 px and a margin of 5 px on each side are 50 px, which are enlarged to 320 px. So the square becomes
-    /// 25.6 px wide, and the part, 30 px high, becomes 192 px high.
+    /// A white square of 4 px × 4 px is in a dark picture of 100 × 80 px; the grid extends from (30, 20) to (70, 40).
+    /// Expected values, calculated by hand: 40 px and a margin of 5 px on each side are 50 px, which are enlarged to
+    /// 320 px. The square becomes 25.6 px wide. The part, which is 30 px high, becomes 192 px high.
     #[test]
     fn the_close_up_of_a_grid_has_a_margin_and_a_title() {
         let mut whole = ColorPicture::uniform(100, 80, [60; 3]);

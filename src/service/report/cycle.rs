@@ -1,5 +1,5 @@
-//! The page of one cycle: what every phase found, the limits, the files used, the conditions, what happened to the
-//! panel, and the requests to the cell. A fact that was not recorded is stated to be unknown.
+//! The page of one cycle: the results of every phase, the limits, the files used, the conditions, the treatment of the
+//! panel, and the requests to the cell. A fact that was not recorded is stated as unknown.
 
 use super::page::{Figure, NOT_MEASURED_TEXT, Page, Row, Section, check_row, format_value};
 use panelprep_base::geometry::KukaPose;
@@ -13,12 +13,12 @@ use panelprep_cell::record::{
 use serde_json::Value;
 use std::collections::BTreeMap;
 
-/// A blank that a person fills in by hand.
+/// A blank that a person fills in on the printed page.
 const BLANK: &str = "……………………………………";
-const AIR_RUN_TEXT: &str = "This was an air-run: the path was run above the panel with water and tool off. The panel was neither \
-                       tested nor abraded, and this page does not release it. ";
+const AIR_RUN_TEXT: &str = "This was an air-run: the path was run above the panel with water and tool off. The panel \
+                            was neither tested nor sanded, and this page does not release it. ";
 const ON_FOAM_TEXT: &str =
-    "This cycle was run on a sheet of foam, as a proof of the cell: this page releases no panel. ";
+    "This cycle was run on a sheet of foam, as an acceptance test of the cell: this page releases no panel. ";
 
 /// Returns the page of a cycle; `pictures` contains its JPEGs by their hash. A missing picture is reported as missing.
 pub fn cycle_page(record: &CycleRecord, pictures: &BTreeMap<String, Vec<u8>>) -> Page {
@@ -36,7 +36,7 @@ pub fn cycle_page(record: &CycleRecord, pictures: &BTreeMap<String, Vec<u8>>) ->
     sections.extend([abrasion_list(record), motions(record), budget(record)]);
     sections.extend(request_list(record));
     sections.push(used_inputs(record));
-    // An air-run tests no panel, so its page has no conditions of a test.
+    // An air-run tests no panel, so its page has no test conditions.
     let is_air_run = record.is_air_run();
     sections.extend((!is_air_run).then(|| conditions(record, times)));
     let (kind, warning) = match (is_air_run, record.is_on_foam()) {
@@ -54,8 +54,7 @@ pub fn cycle_page(record: &CycleRecord, pictures: &BTreeMap<String, Vec<u8>>) ->
     }
 }
 
-/// Returns the sections about what was abraded and what was requested in the cycle; the PDF of the record contains them
-/// too.
+/// Returns the sections about the sanding and the requests of the cycle; the PDF of the record contains them too.
 pub(super) fn event_sections(record: &CycleRecord) -> Vec<Section> {
     std::iter::once(abrasion_list(record)).chain(request_list(record)).collect()
 }
@@ -83,7 +82,7 @@ impl ClockKind {
     /// Returns the remark after a duration, so that a reader does not confuse the two clocks.
     fn clock_remark(self, kind: Kind, check: &Check) -> &'static str {
         match (self, check.unit.as_str()) {
-            // The time of a plan is calculated, not measured by a clock.
+            // The time of a plan is computed, not measured by a clock.
             (_, "s") if kind == Kind::Plan => ", planned",
             (ClockKind::Simulated, "s") => " of simulated time",
             (ClockKind::Simulated, "ms") => " of wall time",
@@ -216,13 +215,13 @@ fn budget(record: &CycleRecord) -> Section {
     ];
     if total.is_none() {
         let stated = budget.stated_mm.map_or("not stated".to_owned(), |value| {
-            format!("{} mm, stated by the cell's file, not measured", format_value(value))
+            format!("{} mm, from the cell's file, not measured", format_value(value))
         });
         rows.push(Row::new("used instead of the total: [limits] tool_error_mm", stated, ""));
     }
     Section {
         heading: "Error at the tool".to_owned(),
-        text: "At 95 % confidence. The total is the root of the sum of squares; it is stated if every part was \
+        text: "At 95 % confidence. The total is the root of the sum of squares; it is stated if every component was \
                measured."
             .to_owned(),
         rows,
@@ -235,7 +234,7 @@ fn used_inputs(record: &CycleRecord) -> Section {
         vec![Row::new("taught version", &record.taught_version, ""), Row::new("recipe", &record.recipe_hash, "")];
     rows.extend(record.files.iter().map(|file| Row::new(&file.name, &file.hash, "")));
     rows.push(Row::new("panelprep", &record.program_version, ""));
-    rows.push(Row::new("lines in the journal", record.events.to_string(), ""));
+    rows.push(Row::new("entries in the journal", record.events.to_string(), ""));
     Section {
         heading: "What was used".to_owned(),
         text: "Each file with the SHA-256 of its content. The store keeps the files.".to_owned(),
@@ -258,7 +257,7 @@ fn conditions(record: &CycleRecord, times: ClockKind) -> Section {
     });
     let stated = |detail: &str| {
         let value = record.findings.iter().find_map(|finding| finding.details.get(detail));
-        value.map_or(BLANK.to_owned(), |value| format!("{} (stated by the recipe)", format_detail(value)))
+        value.map_or(BLANK.to_owned(), |value| format!("{} (from the recipe)", format_detail(value)))
     };
     let mut rows = vec![
         Row::new("water: kind, conductivity, temperature", stated(name::WATER), ""),
@@ -275,20 +274,20 @@ fn conditions(record: &CycleRecord, times: ClockKind) -> Section {
     }
 }
 
-/// Explains how the list counts the grids beside the planned ones.
-const OVERLAPPED_GRIDS_TEXT: &str = "The disc also overlaps the grids beside them, by up to 0.8 of its radius: they are listed as \"beside\", with \
-                      the share under the disc, as far as the robot reported its poses. These passes do not count for \
-                      max_passes_per_grid.";
+/// Text that explains how the list counts the grids beside the planned ones.
+const OVERLAPPED_GRIDS_TEXT: &str = "The disc also overlaps the grids beside them, by up to 0.8 of its radius: they \
+                                     are listed as \"beside\", with the fraction under the disc, as far as the robot \
+                                     reported its poses. These passes are not counted for max_passes_per_grid.";
 
-/// Lists the grids beside the planned ones that the disc overlapped, each with its number of passes and the share under
-/// the disc in each pass.
+/// Lists the grids beside the planned ones that the disc overlapped, each with its number of passes and the fraction
+/// under the disc in each pass.
 fn overlapped_grids(findings: &[Finding]) -> Vec<Row> {
     let mut passes: BTreeMap<&str, Vec<String>> = BTreeMap::new();
     for finding in findings.iter().filter(|finding| finding.kind == Kind::Abrade) {
         for check in &finding.checks {
             let (Some(grid), Some(share)) = (name::overlapped_grid(&check.name), check.value) else { continue };
             let percent = 100.0 * share;
-            // A share above zero must not be printed as zero.
+            // A fraction above zero must not be printed as zero.
             let share = if percent < 1.0 { "less than 1 %".to_owned() } else { format!("{percent:.0} %") };
             passes.entry(grid).or_default().push(format!("pass {}: {share}", finding.pass));
         }
@@ -300,7 +299,7 @@ fn overlapped_grids(findings: &[Finding]) -> Vec<Row> {
     passes.into_iter().map(row).collect()
 }
 
-/// Lists each grid with the passes that abraded it, completely or in part, or may have abraded it.
+/// Lists each grid with the passes that sanded it completely or in part, or may have sanded it.
 fn abrasion_list(record: &CycleRecord) -> Section {
     let all = panelprep_cell::record::abraded_grids(&record.findings, &record.motions);
     let mut passes: BTreeMap<String, Vec<String>> = BTreeMap::new();
@@ -324,10 +323,10 @@ fn abrasion_list(record: &CycleRecord) -> Section {
             format!("Each grid that was planned to be sanded, with its passes. {OVERLAPPED_GRIDS_TEXT}")
         }
         (false, true) => {
-            "Each grid with the passes that touched it or may have touched it, because the robot did not \
-                          report how far it moved. A grid that may have been touched counts as abraded for \
+            "Each grid with the passes that touched it or may have touched it, because the robot did not report how \
+                          far it moved. A grid that may have been touched is counted as sanded for \
                           max_passes_per_grid, also in later cycles of this panel, until a cycle ends with pass or \
-                          fail, or ends because no further abrasion is allowed. "
+                          fail, or ends because no further sanding pass is permitted. "
                 .to_owned()
                 + OVERLAPPED_GRIDS_TEXT
         }
@@ -347,7 +346,7 @@ fn abrasion_list(record: &CycleRecord) -> Section {
     }
 }
 
-/// Lists the requests of people and programs to the cell, before the cycle and in it: time, request, result and sender.
+/// Lists the requests of people and programs to the cell before and during the cycle: time, request, result and author.
 fn request_list(record: &CycleRecord) -> Vec<Section> {
     let section = |heading: &str, text: &str, asked: &[RequestRecord]| Section {
         heading: heading.to_owned(),
@@ -386,24 +385,24 @@ fn request(asked: &RequestRecord) -> Row {
 fn describe_request(wanted: &RequestedAction) -> (String, String) {
     let plain = |what: &str, meant: &str| (what.to_owned(), meant.to_owned());
     match wanted {
-        RequestedAction::NewDisc => plain("new-disc", ", a new disc was mounted and its wear counts from 0"),
+        RequestedAction::NewDisc => plain("new-disc", ", a new disc was mounted and its wear is counted from zero"),
         RequestedAction::Start { recipe } => (format!("start by {recipe}"), String::new()),
         RequestedAction::Proofs { stage, programs_sum, by, result, .. } => {
             let done = match result {
-                ProofsResult::Wrong => "a row was found wrong",
-                ProofsResult::Proven => "each row was proven",
+                ProofsResult::Wrong => "a row failed",
+                ProofsResult::Proven => "each row passed",
                 ProofsResult::Signed => "the page was signed",
             };
             (
-                format!("proofs of stage {stage}"),
+                format!("acceptance tests of stage {stage}"),
                 format!(", {done} by {by}, programs with the checksum {programs_sum}"),
             )
         }
         RequestedAction::For(request) => match request {
             Request::Reset => plain("reset", ""),
             Request::Start { max_passes, max_moves, dries } => {
-                let reference = if *dries { ", and a new dry picture after each abrasion" } else { "" };
-                let limits = format!("at most {max_passes} abrasions and {max_moves} moves for corner pictures");
+                let reference = if *dries { ", and a new dry picture after each sanding pass" } else { "" };
+                let limits = format!("at most {max_passes} sanding passes and {max_moves} moves for corner pictures");
                 ("start".to_owned(), format!(", with {limits}{reference}"))
             }
             Request::AirRun { max_moves } => {
@@ -421,8 +420,7 @@ fn describe_request(wanted: &RequestedAction) -> (String, String) {
             Request::Abort => plain("abort", ""),
             Request::Clear => plain(
                 "clear",
-                ", a person confirmed that the cause is gone and the pad is off the \
-                                              panel",
+                ", a person confirmed that the cause is removed and the pad is off the panel",
             ),
         },
     }

@@ -1,14 +1,14 @@
-//! The page of one water-break test, as a quality inspector signs it (ASTM F22).
+//! The page of one water-break test for the signature of a quality inspector (ASTM F22).
 
 use super::page::{Figure, Page, Row, Section, check_row};
 use panelprep_cell::recipe::Recipe;
 use panelprep_vision::inspect::{ComparisonReference, Inspection, name};
 
-/// A blank that a person fills in by hand.
+/// A blank that a person fills in on the printed page.
 const BLANK: &str = "……………………………………";
 
-/// Creates the page of a test: verdict, grids, how the film was observed, pictures, and lines for the signature. `clip`
-/// names the tested item.
+/// Creates the page of a test: verdict, grids, observation of the film, pictures, and lines for the signature. `clip`
+/// names the tested part.
 pub fn inspection_page(inspection: &Inspection, recipe: &Recipe, clip: &str, figures: Vec<Figure>) -> Page {
     Page {
         first: String::new(),
@@ -43,7 +43,7 @@ fn inspection_section(inspection: &Inspection, figures: Vec<Figure>) -> Section 
     };
     let rows = inspection.breaks.iter().enumerate().map(row).collect();
     let text = format!(
-        "The film broke at {} places. Times count from the first fully wet picture; areas are measured on the \
+        "The film broke at {} places. Times are counted from the first fully wet picture; areas are measured on the \
          curved surface.",
         inspection.breaks.len()
     );
@@ -60,13 +60,13 @@ fn grids(inspection: &Inspection) -> Section {
             (true, _) => "failed",
             (false, true) => "passed",
             (false, false) if grid.wet_when_dry => "not passed: already wet in the dry picture",
-            (false, false) => "not passed: not completely seen",
+            (false, false) => "not passed: not completely visible",
         };
         let when = grid.time_to_break_s.map(|time_s| format!(" from {time_s:.1} s")).unwrap_or_default();
-        let share = if grid.seen { String::new() } else { format!(", {:.0} % seen", 100.0 * footprint.seen_share) };
+        let share = if grid.seen { String::new() } else { format!(", {:.0} % visible", 100.0 * footprint.seen_share) };
         let by = match grid.reference {
             ComparisonReference::DryAndWet => String::new(),
-            reference => format!("; judged by its {}", reference.describe()),
+            reference => format!("; evaluated by its {}", reference.describe()),
         };
         let value =
             format!("{word}; {:.1} of {:.0} mm² broke{when}{share}{by}", grid.broken_mm2, footprint.area_mm2);
@@ -76,7 +76,7 @@ fn grids(inspection: &Inspection) -> Section {
     section("Grids", "Area of broken film in each grid.".to_owned(), rows)
 }
 
-/// Lists the numbers by which the film as a whole was judged; the results of the grids are in another section.
+/// Lists the values by which the film as a whole was evaluated; the results of the grids are in another section.
 fn film_numbers(inspection: &Inspection) -> Section {
     let of_film = inspection.checks.iter().take_while(|check| check.name != name::UNSEEN_GRIDS);
     let rows = of_film.map(|check| check_row(check, "")).collect();
@@ -87,7 +87,7 @@ fn film_numbers(inspection: &Inspection) -> Section {
 fn signature(inspection: &Inspection, recipe: &Recipe) -> Section {
     let process = recipe.process();
     let stated =
-        |value: Option<String>| value.map_or(BLANK.to_owned(), |value| format!("{value} (stated by the recipe)"));
+        |value: Option<String>| value.map_or(BLANK.to_owned(), |value| format!("{value} (from the recipe)"));
     let temperature = process.water_temperature_c().map(|celsius| format!("{celsius} °C"));
     let mut rows = vec![
         Row::new("water: kind, conductivity", stated(process.water()), ""),

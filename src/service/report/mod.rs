@@ -1,4 +1,4 @@
-//! Pictures and pages that show results to people. No decision depends on anything that this module calculates.
+//! Pictures and pages that show results to people. No decision depends on values that this module computes.
 
 mod calibration;
 pub mod canvas;
@@ -21,5 +21,5 @@ pub use inspection::inspection_page;
 pub use overlay::PanelOverlay;
 pub use page::{check_row, format_value};
 pub use reasons::{ReasonPicture, reason_pictures};
-pub use scan_view::{draw_region, missing_share, scan_picture, surface_map, today_map};
+pub use scan_view::{draw_region, missing_fraction, scan_picture, surface_map, today_map};
 pub use unrolled_maps::{dwell_map, overlap_map, removal_map};

@@ -1,7 +1,7 @@
-//! Draws the panel into the 3D camera's picture: outline, grids, broken film, paths.
+//! Draws the panel into the picture of the 3D camera: outline, grids, broken film, paths.
 //!
-//! Everything is projected from the panel's frame through one camera model, so each drawing shows where the program
-//! assumes the object to be (thesis Eq. 4.6, 4.7, 3.11).
+//! All points are projected from the panel's frame with the same camera model, so each drawing shows where the program
+//! assumes the object (thesis Eq. 4.6, 4.7, 3.11).
 
 use super::canvas::{Canvas, InkColor, PenWidth, crop};
 use panelprep_base::geometry::{Camera, ColorPicture, Mask, Panel, PinholeCamera, Pixel, Point, Rigid};
@@ -19,7 +19,7 @@ pub struct PanelOverlay<'a> {
     pub camera_from_panel: Rigid<Camera, Panel>,
 }
 
-/// A colour scale that people with any common type of colour vision can read, after "viridis" of Smith and van der
+/// A colour scale that people with every common type of colour vision can read, after "viridis" of Smith and van der
 /// Walt.
 const COLOR_SCALE_STOPS: [(f64, InkColor); 5] = [
     (0.0, InkColor([68, 1, 84])),
@@ -29,8 +29,8 @@ const COLOR_SCALE_STOPS: [(f64, InkColor); 5] = [
     (1.0, InkColor([253, 231, 37])),
 ];
 
-/// Returns the colour of a share 0…1, interpolated between the stops.
-fn scale(share: f64) -> InkColor {
+/// Returns the colour for a value between 0 and 1, interpolated between the stops.
+fn interpolate_color(share: f64) -> InkColor {
     let at = share.clamp(0.0, 1.0) * (COLOR_SCALE_STOPS.len() - 1) as f64;
     let (low, next) = (at as usize, (at as usize + 1).min(COLOR_SCALE_STOPS.len() - 1));
     COLOR_SCALE_STOPS[low].1.mix_with(COLOR_SCALE_STOPS[next].1, at - low as f64)
@@ -52,7 +52,7 @@ impl PanelOverlay<'_> {
         (self.picture.height as f64 / 600.0).round().max(1.0) as i32
     }
 
-    /// Draws the taught panel's outline as it appears at the pose of this view.
+    /// Draws the outline of the taught panel at the pose of this view.
     pub(super) fn outline(
         &self,
         canvas: &mut Canvas,
@@ -78,7 +78,7 @@ impl PanelOverlay<'_> {
                 canvas.polyline(&self.pixels(&grid.edge), true, pen)?;
             }
         }
-        // Names are drawn after all edges, each in its grid's first corner, so that the grid's middle stays
+        // Names are drawn after all edges, each in the first corner of its grid, so that the middle of the grid stays
         // visible.
         let height_px = (self.picture.height as f64 / 80.0).max(8.0);
         for grid in grids {
@@ -113,10 +113,10 @@ impl PanelOverlay<'_> {
         canvas.with_legend(legend)?.finish()
     }
 
-    /// Draws the taught data: the panel's pixels, its outline, the region's grids.
+    /// Draws the taught data: the panel's pixels, its outline, the grids of the region.
     ///
     /// # Errors
-    /// If OpenCV refuses to draw; the same applies to the other pictures.
+    /// If OpenCV cannot draw on the picture. This also applies to the other drawings.
     pub fn taught(&self, panel: &TaughtPanel, corners: &[Point<Panel>]) -> Result<ColorPicture, ImagingError> {
         let mut canvas = Canvas::from_picture(self.picture)?;
         canvas.tint_mask(&panel.mask, InkColor::BLUE, 0.25)?;
@@ -131,12 +131,12 @@ impl PanelOverlay<'_> {
         let mut legend = vec![(InkColor::BLUE, "taught panel"), (InkColor::WHITE, "grids")];
         legend.extend((!corners.is_empty()).then_some((InkColor::ORANGE, "taught corner")));
         legend.extend(
-            (!panel.held_px.is_empty()).then_some((InkColor::VERMILLION, "held place (holder or clamp): not used")),
+            (!panel.held_px.is_empty()).then_some((InkColor::VERMILLION, "area of a holder or clamp: not used")),
         );
         self.cropped_with_scale(canvas, panel, &legend)
     }
 
-    /// Draws where the panel was found: its taught outline and grids at the found pose, over the new picture.
+    /// Draws the located panel over the new picture: its taught outline and grids at the located pose.
     ///
     /// # Errors
     /// As [`PanelOverlay::taught`].
@@ -147,12 +147,12 @@ impl PanelOverlay<'_> {
         self.cropped_with_scale(
             canvas,
             panel,
-            &[(InkColor::ORANGE, "taught outline at the found pose"), (InkColor::WHITE, "grids")],
+            &[(InkColor::ORANGE, "taught outline at the located pose"), (InkColor::WHITE, "grids")],
         )
     }
 
-    /// Draws the broken area, tinted and outlined; the outline of the area that was not seen, if it is already known;
-    /// and failed grids with a thick edge.
+    /// Draws the broken area, tinted and outlined; the outline of the area that was not visible, if it is known; and
+    /// failed grids with a thick edge.
     ///
     /// # Errors
     /// As [`PanelOverlay::taught`].
@@ -183,8 +183,8 @@ impl PanelOverlay<'_> {
         self.cropped_with_scale(canvas, panel, &legend)
     }
 
-    /// Draws when the film broke at each pixel: early breaks are dark violet, late ones yellow. `time_s` returns the
-    /// time for a column and a row.
+    /// Draws the time at which the film broke at each pixel: early breaks are dark violet, late ones yellow. `time_s`
+    /// returns the time for a column and a row.
     ///
     /// # Errors
     /// As [`PanelOverlay::taught`].
@@ -200,7 +200,7 @@ impl PanelOverlay<'_> {
         picture.rgb.iter_mut().for_each(|pixel| *pixel = pixel.map(|gray| 120 + gray / 4));
         for (index, pixel) in picture.rgb.iter_mut().enumerate() {
             if let Some(time_s) = time_s(index % self.picture.width, index / self.picture.width) {
-                *pixel = scale(time_s / end_s.max(1e-9)).0;
+                *pixel = interpolate_color(time_s / end_s.max(1e-9)).0;
             }
         }
         let mut canvas = Canvas::from_picture(&picture)?;
@@ -212,7 +212,7 @@ impl PanelOverlay<'_> {
         self.cropped_with_scale(canvas, panel, &legend)
     }
 
-    /// Draws the tool's paths over the panel, each with a ring around its first point.
+    /// Draws the tool paths over the panel, each with a ring around its first point.
     ///
     /// # Errors
     /// As [`PanelOverlay::taught`].
@@ -246,8 +246,8 @@ impl PanelOverlay<'_> {
             (InkColor::WHITE, "other grid"),
         ];
         if !areas.is_empty() {
-            legend[2].1 = "grid that is abraded in part";
-            legend.push((InkColor::ORANGE, "area around a break: abraded"));
+            legend[2].1 = "grid that is sanded in part";
+            legend.push((InkColor::ORANGE, "area around a water break: sanded"));
         }
         self.cropped_with_scale(canvas, panel, &legend)
     }

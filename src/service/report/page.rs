@@ -1,7 +1,6 @@
-//! One self-contained HTML page: verdict, numbers with their limits, pictures. It contains no scripts and loads
-//! nothing.
+//! A self-contained HTML page: verdict, values with their limits, pictures. It contains no scripts and loads nothing.
 //!
-//! A check is a row of the page: the number with its unit, its limit, and the source of the limit.
+//! A check is a row of the page: the value with its unit, its limit, and the source of the limit.
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -9,24 +8,24 @@ use maud::{DOCTYPE, Markup, PreEscaped, Render, html};
 use panelprep_base::number_text::{distinguishable_texts, fixed_decimals, shortest_text};
 use panelprep_base::verdict::{Check, Judgement, Limit, LimitSource, Verdict};
 
-/// A page from top to bottom.
+/// The content of a page, from top to bottom.
 #[derive(Debug, Clone)]
 pub struct Page {
     /// HTML before all other parts of the page, such as the sheet to sign; empty if there is none.
     pub first: String,
     /// Heading.
     pub title: String,
-    /// One line below the title: the action and its object.
+    /// One line below the title: what was done with which object.
     pub subtitle: String,
-    /// Result of the cycle.
+    /// The verdict with its reasons.
     pub judgement: Judgement,
-    /// The parts, in order.
+    /// The sections of the page, in order.
     pub sections: Vec<Section>,
-    /// Time at which the page was made, and by which program, on a line of its own; empty if this is not stated.
+    /// The time at which the page was created, and the program, as a separate line; empty if this is not stated.
     pub made: String,
 }
 
-/// One part of a page.
+/// One section of a page.
 #[derive(Debug, Clone)]
 pub struct Section {
     /// Heading.
@@ -39,14 +38,14 @@ pub struct Section {
     pub figures: Vec<Figure>,
 }
 
-/// One number with its limit.
+/// One value with its limit.
 #[derive(Debug, Clone)]
 pub struct Row {
     /// Name of the value.
     pub name: String,
     /// The value with its unit.
     pub value: String,
-    /// The limit; empty if there is no limit.
+    /// The limit with its unit; empty if there is no limit.
     pub allowed: String,
 }
 
@@ -60,7 +59,7 @@ impl Row {
 /// One picture.
 #[derive(Debug, Clone)]
 pub struct Figure {
-    /// Text that describes the picture, also for readers who cannot see it.
+    /// Text that describes the picture, also for readers who cannot see the picture.
     pub caption: String,
     /// The picture, encoded as JPEG.
     pub jpeg: Vec<u8>,
@@ -90,8 +89,8 @@ impl Page {
                     h1 { (self.title) }
                     p.sub { (self.subtitle) }
                     (verdict(&self.judgement))
-                    // Each section is one line of the HTML, and the time at which the page was made is another one: a
-                    // person who compares two pages can ignore that line.
+                    // Each section is one line of the HTML, and the creation time is another line, so that a person who
+                    // compares two pages can ignore that line.
                     @for section in &self.sections { (PreEscaped("\n")) (section) }
                     (PreEscaped("\n"))
                     @if !self.made.is_empty() { p.sub { (self.made) } (PreEscaped("\n")) }
@@ -133,7 +132,7 @@ impl Render for Figure {
 }
 
 fn verdict(judgement: &Judgement) -> Markup {
-    // A cycle that was stopped on request also has the verdict `Aborted`, but the page does not show it as a fault.
+    // A cycle that was stopped on request also has the verdict `Aborted`, but the page does not show this as a fault.
     let is_stopped =
         judgement.verdict == Verdict::Aborted && judgement.reasons.iter().any(|reason| reason.code == "stopped");
     let word = if is_stopped { "stopped on request" } else { judgement.verdict.keyword() };
@@ -153,7 +152,8 @@ fn verdict(judgement: &Judgement) -> Markup {
 
 pub(super) const NOT_MEASURED_TEXT: &str = "not measured";
 
-/// Returns a check as a row; `beside` is written after its value. A limit that no file states is the program's own.
+/// Returns a check as a row; `beside` is written after its value. A limit without a file as its source is a limit of
+/// the program.
 pub fn check_row(check: &Check, beside: &str) -> Row {
     let with_unit = |text: String| format!("{text} {}", check.unit).trim_end().to_owned();
     let (sign, limit) = match check.limit {
@@ -182,8 +182,8 @@ pub fn check_row(check: &Check, beside: &str) -> Row {
     Row::new(&check.name, value, allowed)
 }
 
-/// Formats a value with four significant digits, and with all digits before the decimal point; the store has the full
-/// value.
+/// Formats a value with four significant digits, and with all digits before the decimal point; the store contains the
+/// full value.
 pub fn format_value(value: f64) -> String {
     if value == 0.0 || !value.is_finite() || value.fract() == 0.0 {
         return shortest_text(value);

@@ -1,7 +1,8 @@
-//! A picture for each reason of a localization's verdict: it marks the place in the scan where the reason is visible.
+//! A picture for each reason of a localization's verdict: it marks the place in the scan at which the reason is
+//! visible.
 //!
 //! People with every common type of colour vision can distinguish the colours (Okabe & Ito); the legend of each picture
-//! states their meaning. Dots are places of the taught panel's surface, lines are its outline.
+//! states their meaning. Dots are sample points of the taught panel's surface, lines are its outline.
 
 use super::canvas::{Canvas, InkColor, PenWidth, crop, resize_to_width};
 use super::overlay::PanelOverlay;
@@ -17,13 +18,13 @@ use panelprep_vision::locate::{self, Fit};
 
 /// Residual at which the colour has its full strength, mm.
 const FULL_COLOR_MM: f64 = 0.5;
-/// Share of the ink in the colour of a dot; the rest is the colour of the picture.
-const INK_SHARE: f64 = 0.75;
-/// Half the side of the cropped square of a close-up, px.
+/// Fraction of the ink in the colour of a dot; the rest is the colour of the picture.
+const INK_FRACTION: f64 = 0.75;
+/// Half of the side of the cropped square of a close-up, px.
 const CLOSE_UP_HALF_SIDE_PX: usize = 24;
-/// Width of a close-up after it was enlarged, px.
+/// Width of an enlarged close-up, px.
 const CLOSE_UP_WIDTH_PX: usize = 720;
-/// Colours of the objects in the search box, the largest object first.
+/// Colours of the objects in the search box, from the largest object to the smallest.
 const OBJECT_COLORS: [InkColor; 5] =
     [InkColor::ORANGE, InkColor::BLUE, InkColor::GREEN, InkColor::YELLOW, InkColor::VERMILLION];
 
@@ -32,7 +33,7 @@ struct DotReason {
     codes: &'static [&'static str],
     caption: &'static str,
     ink: fn(SurfaceMark) -> Option<InkColor>,
-    /// `{full}` is replaced by [`FULL_COLOR_MM`].
+    /// The legend: colours with their texts, in which `{full}` is replaced by [`FULL_COLOR_MM`].
     legend: &'static [(InkColor, &'static str)],
 }
 
@@ -80,19 +81,19 @@ const DOT_REASONS: [DotReason; 4] = [
     },
 ];
 
-/// A reason of a verdict, and the picture that shows it or the error that prevented the picture.
+/// A reason of a verdict with the picture that shows it, or with the error that prevented the picture.
 #[derive(Debug)]
 pub struct ReasonPicture {
     /// The reason's code.
     pub code: String,
-    /// The content of the picture.
+    /// Description of the picture's content.
     pub caption: &'static str,
     /// The picture.
     pub picture: Result<ColorPicture, ImagingError>,
 }
 
-/// Draws a picture for each reason of a localization's verdict over the scan's picture; no picture for a reason that a
-/// scan cannot show.
+/// Draws a picture over the picture of the scan for each reason of a localization's verdict. A reason that is not
+/// visible in a scan has no picture.
 pub fn reason_pictures(
     panel: &TaughtPanel,
     (picture, seen): (&ColorPicture, &locate::ScanView<'_>),
@@ -109,7 +110,7 @@ pub fn reason_pictures(
     judgement.reasons.iter().filter_map(drawn).collect()
 }
 
-/// Returns the colour for the result at a place of the outline.
+/// Returns the colour for the result at a point of the outline.
 fn outline_ink(mark: OutlineMark) -> InkColor {
     match mark {
         OutlineMark::Found => InkColor::GREEN,
@@ -121,8 +122,8 @@ fn outline_ink(mark: OutlineMark) -> InkColor {
 type Drawn = Result<ColorPicture, ImagingError>;
 
 impl PanelOverlay<'_> {
-    /// Draws a reason over the scan's picture, and returns the picture and its caption; `None` for a reason that a scan
-    /// cannot show.
+    /// Draws a reason over the picture of the scan. Returns the drawing and its caption; `None` for a reason that is
+    /// not visible in a scan.
     fn draw_reason(
         &self,
         panel: &TaughtPanel,
@@ -194,12 +195,8 @@ impl PanelOverlay<'_> {
         self.draw_outline(self.draw_reason_dots(explained, dots.ink), panel, explained, &legend)
     }
 
-    /// Returns the picture with dots on the marked places of the taught surface.
-    fn draw_reason_dots(
-        &self,
-        explained: &EvidenceMarks,
-        ink: fn(SurfaceMark) -> Option<InkColor>,
-    ) -> ColorPicture {
+    /// Returns the picture with dots at the marked points of the taught surface.
+    fn draw_reason_dots(&self, explained: &Explained, ink: fn(SurfaceMark) -> Option<InkColor>) -> ColorPicture {
         let mut picture = self.picture.clone();
         for (pixel, mark) in &explained.surface {
             if let Some(ink) = ink(*mark) {
@@ -270,7 +267,7 @@ impl PanelOverlay<'_> {
 
     fn draw_fixture(&self, explained: &EvidenceMarks) -> Result<ColorPicture, ImagingError> {
         let mut picture = self.picture.clone();
-        // The edges lie close together, so rims or crosses would hide their colours.
+        // The edges are close together, so rims or crosses would hide their colours.
         let side_px = usize::try_from(4 * self.line_px()).unwrap_or(4) + 1;
         for (pixel, mark) in &explained.fixture {
             let ink = match mark {
@@ -310,7 +307,7 @@ impl PanelOverlay<'_> {
         )
     }
 
-    /// Draws the panel at the found pose and at another pose.
+    /// Draws the panel at the located pose and at the competing pose.
     fn draw_two_poses(
         &self,
         panel: &TaughtPanel,
@@ -320,8 +317,8 @@ impl PanelOverlay<'_> {
         let mut canvas = Canvas::from_picture(self.picture)?;
         let other = PanelOverlay { camera_from_panel: self.camera_from_panel * panel_from_other, ..*self };
         let [(here, _), (there, _)] = legend;
-        // If both outlines coincide, the wider one is visible on both sides of the other; the lines from the centre
-        // show the rotation of each.
+        // If both outlines coincide, the wider one is visible on both sides of the narrower one; the lines from the
+        // centre show the rotation of each.
         let pens = [
             PenWidth { ink: there, width_px: 4 * self.line_px() },
             PenWidth { ink: here, width_px: self.line_px() },
@@ -370,8 +367,8 @@ impl PanelOverlay<'_> {
     }
 }
 
-/// Returns the colour of a residual: blue for a scan behind the surface, white on the surface, vermillion in front
-/// of it.
+/// Returns the colour of a residual: blue for a scan behind the surface, white on the surface, vermillion in front of
+/// the surface.
 fn residual_ink(mark: SurfaceMark) -> Option<InkColor> {
     let SurfaceMark::On(mm) = mark else { return None };
     let share = (mm / FULL_COLOR_MM).clamp(-1.0, 1.0);
@@ -389,7 +386,7 @@ fn draw_dot(picture: &mut ColorPicture, at: Pixel, side_px: usize, ink: InkColor
                 continue;
             }
             let pixel = &mut picture.rgb[v as usize * picture.width + u as usize];
-            *pixel = InkColor(*pixel).mix_with(ink, INK_SHARE).0;
+            *pixel = InkColor(*pixel).mix_with(ink, INK_FRACTION).0;
         }
     }
 }
@@ -398,8 +395,8 @@ fn draw_dot(picture: &mut ColorPicture, at: Pixel, side_px: usize, ink: InkColor
 mod tests {
     use super::*;
 
-    /// Calculated by hand: a quarter of a millimetre in front of the surface is halfway from white to vermillion (213,
-    /// 94, 0).
+    /// Expected colour, calculated by hand: a residual of 0.25 mm in front of the surface is halfway from white to
+    /// vermillion (213, 94, 0).
     #[test]
     fn residuals_have_their_colours() {
         assert_eq!(residual_ink(SurfaceMark::On(0.25)), Some(InkColor([234, 175, 128])));
@@ -407,8 +404,9 @@ mod tests {
         assert_eq!([SurfaceMark::Missing, SurfaceMark::Near].map(residual_ink), [None; 2]);
     }
 
-    /// Calculated by hand: a square of 2 × 2 pixels around (0.4, 1.4) covers columns 0 and 1 and rows 1 and 2, and 0.75
-    /// of white over black is 191. A dot outside of the picture draws nothing.
+    /// Expected values, calculated by hand: a square of 2 × 2 pixels around (0.4, 1.4) covers columns 0 and 1 and rows
+    /// 1 and
+    /// 2. A fraction of 0.75 of white over black is 191. A dot outside of the picture draws nothing.
     #[test]
     fn dots_beyond_the_border_are_clipped() {
         let mut picture = ColorPicture::uniform(4, 3, [0; 3]);

@@ -1,10 +1,10 @@
-//! Pictures of a scan, and maps of a surface over the scan's pixels.
+//! Pictures of a scan, and maps of a surface over the pixels of the scan.
 //!
-//! - The scan: its colours, the pixels without points, and the recipe's region in it.
-//! - The deviation of a scan from a fitted surface, and of today's surface from the taught one, as maps that an
-//!   engineer can read. Each pixel shows the mean deviation of the points around it, so that the scan's white noise,
-//!   which contains no information about the surface, does not hide errors of the shape. Points that are missing or
-//!   were excluded are shown pixel by pixel.
+//! - The scan: its colours, the pixels without points, and the region of the recipe.
+//! - The deviation of a scan from a fitted surface, and of today's surface from the taught surface, as maps for an
+//!   engineer. Each pixel shows the mean deviation of the points around it, so that the white noise of the scan, which
+//!   contains no information about the surface, does not hide form errors. Missing and excluded points are shown pixel
+//!   by pixel.
 
 use super::canvas::{Canvas, InkColor, PenWidth};
 use panelprep_base::geometry::{ColorPicture, Frame, Mask, OrganizedCloud, Pixel};
@@ -18,25 +18,25 @@ pub fn missing_pixels<F: Frame>(scan: &OrganizedCloud<F>) -> Mask {
     Mask { width: scan.width(), height: scan.height(), inside }
 }
 
-/// Returns the share of a scan's pixels that have no point, 0…1.
-pub fn missing_share<F: Frame>(scan: &OrganizedCloud<F>) -> f64 {
+/// Returns the fraction of a scan's pixels that have no point, 0 to 1.
+pub fn missing_fraction<F: Frame>(scan: &OrganizedCloud<F>) -> f64 {
     missing_pixels(scan).count() as f64 / (scan.width() * scan.height()) as f64
 }
 
-/// Draws the scan with a ruler of its pixels; pixels without a point are tinted.
+/// Draws the scan with a pixel ruler; pixels without a point are tinted.
 ///
 /// # Errors
-/// If OpenCV refuses to draw.
+/// If OpenCV cannot draw the picture.
 pub fn scan_picture<F: Frame>(scan: &OrganizedCloud<F>) -> Result<ColorPicture, ImagingError> {
     let canvas = tint_scan(scan)?;
     canvas.draw_ruler()?.with_legend(&[(NO_POINT_COLOR, &depth_legend(scan))])?.finish()
 }
 
-/// Draws the scan with the corners of the recipe's region. `wrong` contains the numbers of the wrong corners, from 1,
-/// which are marked.
+/// Draws the scan with the corners of the recipe's region. `wrong` contains the numbers of the unusable corners, from
+/// 1, which are marked.
 ///
 /// # Errors
-/// If OpenCV refuses to draw.
+/// If OpenCV cannot draw the picture.
 pub fn draw_region<F: Frame>(
     scan: &OrganizedCloud<F>,
     corners_px: &[Pixel; 4],
@@ -52,8 +52,8 @@ pub fn draw_region<F: Frame>(
         let (ink, word) =
             if wrong.contains(&number) { (InkColor::VERMILLION, " wrong") } else { (InkColor::BLUE, "") };
         canvas.cross(*corner, size_px, PenWidth { ink, width_px: width_px + 1 })?;
-        // The text is white, because coloured letters of this size are hard to read. The cross has the colour of a
-        // usable or of a wrong corner; beside a wrong corner, the text also states that it is wrong.
+        // The text is white, because coloured letters of this size are difficult to read. The cross has the colour of a
+        // usable or of an unusable corner; the text of an unusable corner also states this.
         let text = format!("{number} [{:.0}, {:.0}]{word}", corner.u, corner.v);
         canvas.label(Pixel::at(corner.u + size_px, corner.v - size_px), &text, text_px, InkColor::WHITE)?;
     }
@@ -77,12 +77,12 @@ fn tint_scan<F: Frame>(scan: &OrganizedCloud<F>) -> Result<Canvas, ImagingError>
 }
 
 fn depth_legend<F: Frame>(scan: &OrganizedCloud<F>) -> String {
-    format!("no 3D point: {:.1} % of {} x {} px", 100.0 * missing_share(scan), scan.width(), scan.height())
+    format!("no 3D point: {:.1} % of {} x {} px", 100.0 * missing_fraction(scan), scan.width(), scan.height())
 }
 
 /// Deviation at which the colour has its full strength, mm.
 const FULL_COLOR_MM: f64 = 0.1;
-/// The mean is calculated over a square with sides of 2 n + 1 pixels; this is n.
+/// Number n of pixels on each side of the centre: the mean is computed over a square of 2 n + 1 by 2 n + 1 pixels.
 const MEAN_RADIUS_PX: usize = 3;
 const OUTSIDE_COLOR: InkColor = InkColor([245, 245, 245]);
 const MISSING_COLOR: InkColor = InkColor([204, 121, 167]);
@@ -93,7 +93,7 @@ const BACK_COLOR: InkColor = InkColor::DEEP_BLUE;
 /// Draws the deviation of a scan from a fitted surface, with legend and scale bar.
 ///
 /// # Errors
-/// If OpenCV refuses to draw.
+/// If OpenCV cannot draw the picture.
 pub fn surface_map(map: &DeviationMap) -> Result<ColorPicture, ImagingError> {
     let side_mm = (2 * MEAN_RADIUS_PX + 1) as f64 * map.mm_per_px();
     let front = format!("scan {FULL_COLOR_MM} mm or more in front of the surface, mean over {side_mm:.1} mm");
@@ -105,11 +105,11 @@ pub fn surface_map(map: &DeviationMap) -> Result<ColorPicture, ImagingError> {
     )
 }
 
-/// Draws the deviation of today's surface from the taught one, or from the drawing. `full_mm` is the deviation at which
-/// the colour has its full strength, mm.
+/// Draws the deviation of today's surface from the taught surface, or from the drawing. `full_mm` is the deviation at
+/// which the colour has its full strength, mm.
 ///
 /// # Errors
-/// If OpenCV refuses to draw.
+/// If OpenCV cannot draw the picture.
 pub fn today_map(map: &DeviationMap, reference: TaughtSource, full_mm: f64) -> Result<ColorPicture, ImagingError> {
     let front = format!("panel {full_mm} mm or more in front of {}", reference.describe());
     let level = match reference {
@@ -149,8 +149,8 @@ fn draw_deviation(
     canvas.with_legend(&legend)?.finish()
 }
 
-/// Returns the mean deviation of the fitted points around each pixel, mm; 0 if there is none. The sums are calculated
-/// first along the rows and then along the columns.
+/// Returns the mean deviation of the fitted points around each pixel, mm; 0 if there is no such point. The sums are
+/// computed first along the rows and then along the columns.
 fn means_mm(width: usize, pixels: &[MapPixel]) -> Vec<f64> {
     let own = |pixel: &MapPixel| match pixel {
         MapPixel::Fits { mm } => [f64::from(*mm), 1.0],
@@ -163,8 +163,8 @@ fn means_mm(width: usize, pixels: &[MapPixel]) -> Vec<f64> {
     both.into_iter().map(|[sum, count]| if count > 0.0 { sum / count } else { 0.0 }).collect()
 }
 
-/// Computes the sums over 2 n + 1 neighbouring values in each of `lines` lines of `length` values; the last argument
-/// states the distance in memory between two lines, and between two values of a line.
+/// Computes the sums over 2 n + 1 adjacent values in each of `lines` lines of `length` values. The last argument
+/// contains the distances in memory between two lines, and between two values of a line.
 fn moving_sums(
     values: &[[f64; 2]],
     (lines, length): (usize, usize),
@@ -184,7 +184,7 @@ fn moving_sums(
     summed
 }
 
-/// Returns white at 0, the colour for the front at 1, and the colour for the back at −1.
+/// Returns the colour for a relative deviation: white at 0, the front colour at 1, the back colour at −1.
 fn deviation_color(share: f64) -> InkColor {
     let full = if share >= 0.0 { FRONT_COLOR } else { BACK_COLOR };
     InkColor::WHITE.mix_with(full, share.abs().min(1.0))
@@ -200,13 +200,13 @@ mod tests {
         OrganizedCloud::new(1000, 300, points.collect(), vec![[100; 3]; 1000 * 300]).expect("organised")
     }
 
-    /// Calculated by hand: the left quarter of the scan has no points; yellow is (240, 228, 66), and 0.45 of the
-    /// difference from 100 to this colour gives (163, 158, 85).
+    /// Expected values, calculated by hand: the left quarter of the scan has no points. Yellow is (240, 228, 66), and
+    /// 0.45 of the difference from 100 to this colour gives (163, 158, 85).
     #[test]
     fn missing_points_are_counted_and_tinted() {
-        assert!((missing_share(&scan()) - 0.25).abs() < 1e-12);
+        assert!((missing_fraction(&scan()) - 0.25).abs() < 1e-12);
         let picture = scan_picture(&scan()).expect("drawn");
-        // The ruler lies to the left of the picture and above it, and so does the legend above.
+        // The ruler is to the left of the picture and above it; the legend is above both.
         let (left, top) = (picture.width - 1000, picture.height - 300);
         let at = |u: usize, v: usize| picture.rgb[(top + v) * picture.width + left + u];
         assert_eq!((at(33, 33), at(333, 33)), ([163, 158, 85], [100; 3]));
@@ -228,12 +228,12 @@ mod tests {
         assert!(draw_region(&scan(), &outside, &[1, 2, 3]).is_ok(), "also beyond the picture");
     }
 
-    /// Calculated by hand: in a row of 0.3, a missing point and 0.1, the mean around each pixel is 0.2.
+    /// Expected value, calculated by hand: in a row of 0.3, a missing point and 0.1, the mean around each pixel is 0.2.
     #[test]
     fn a_mean_ignores_missing_points() {
         let row = [MapPixel::Fits { mm: 0.3 }, MapPixel::Missing, MapPixel::Fits { mm: 0.1 }];
         assert!(means_mm(3, &row).iter().all(|mean| (mean - 0.2).abs() < 1e-7));
-        // Two values that are 8 rows apart do not affect each other, because the square is seven rows high.
+        // Two values at a distance of 8 rows do not affect each other, because the square is seven rows high.
         let mut column = vec![MapPixel::Outside; 9];
         (column[0], column[8]) = (MapPixel::Fits { mm: 1.0 }, MapPixel::Fits { mm: -1.0 });
         assert_eq!(means_mm(1, &column), [1.0, 1.0, 1.0, 1.0, 0.0, -1.0, -1.0, -1.0, -1.0]);

@@ -1,11 +1,11 @@
-//! The effect of a path on the surface, as maps of the unrolled region: the time under the disc at each place, the
-//! number of passes, and the removal in µm. Each grid is a rectangle in the region's unit square, which is scaled to
-//! the lengths of the region's middle lines.
+//! The effect of a path on the surface, as maps of the unrolled region: the dwell time at each point, the number of
+//! passes, and the removal in µm. Each grid is a rectangle in the region's unit square, which is scaled to the lengths
+//! of the region's middle lines.
 //!
 //! Time and depth are shown from light to dark blue, so that they can also be read by lightness alone. The darkest blue
-//! of the depth is the limit. In the maps of time and passes, places that the disc did not reach are vermillion. In the
-//! map of the removal, places that are deeper than the limit are vermillion and hatched, so that they are not marked by
-//! colour alone; places without removal are white.
+//! of the depth is the limit. In the maps of time and passes, points that the disc did not reach are vermillion. In the
+//! map of the removal, points that are deeper than the limit are vermillion and hatched, so that they are not marked by
+//! colour alone; points without removal are white.
 
 use super::canvas::{Canvas, InkColor, PenWidth};
 use panelprep_base::geometry::{ColorPicture, Pixel};
@@ -17,17 +17,17 @@ use panelprep_toolpath::surface::dwell::{Dwell, GridDwell};
 
 const NOT_REQUESTED_COLOR: InkColor = InkColor([225, 225, 225]);
 const NOT_REACHED_COLOR: InkColor = InkColor::VERMILLION;
-/// Colours of the shortest and the longest time.
+/// Colours of the shortest and the longest dwell time.
 const TIME_COLORS: [InkColor; 2] = [InkColor([222, 235, 247]), InkColor([8, 48, 107])];
-/// Fractions of the longest time that the legend shows.
-const TIME_LEGEND_SHARES: [f64; 4] = [0.25, 0.5, 0.75, 1.0];
+/// Fractions of the longest dwell time that the legend shows.
+const TIME_LEGEND_FRACTIONS: [f64; 4] = [0.25, 0.5, 0.75, 1.0];
 /// Colours of one, two, and three or more passes.
 const PASS_COLORS: [InkColor; 3] = [InkColor([190, 215, 235]), InkColor([66, 133, 190]), InkColor([10, 40, 90])];
 
-/// Draws how long each place was under the disc; the longest time has the darkest colour.
+/// Draws the dwell time of the disc at each point; the longest time has the darkest colour.
 ///
 /// # Errors
-/// If OpenCV refuses to draw.
+/// If OpenCV cannot draw the picture.
 pub fn dwell_map(dwell: &Dwell, region: &Region) -> Result<ColorPicture, ImagingError> {
     let longest_s = dwell.longest_s();
     let ink = |share: f64| TIME_COLORS[0].mix_with(TIME_COLORS[1], share.min(1.0));
@@ -35,17 +35,17 @@ pub fn dwell_map(dwell: &Dwell, region: &Region) -> Result<ColorPicture, Imaging
         dwell_s if dwell_s > 0.0 => ink(dwell_s / longest_s),
         _ => NOT_REACHED_COLOR,
     };
-    let words = TIME_LEGEND_SHARES.map(|share| format!("{:.2} s under the disc", share * longest_s));
+    let words = TIME_LEGEND_FRACTIONS.map(|share| format!("{:.2} s under the disc", share * longest_s));
     let mut legend: Vec<(InkColor, &str)> =
-        TIME_LEGEND_SHARES.iter().zip(&words).map(|(s, w)| (ink(*s), w.as_str())).collect();
+        TIME_LEGEND_FRACTIONS.iter().zip(&words).map(|(s, w)| (ink(*s), w.as_str())).collect();
     legend.extend([(NOT_REACHED_COLOR, "not reached"), (NOT_REQUESTED_COLOR, "not requested")]);
     draw_dwell(dwell, region, color, &legend)
 }
 
-/// Draws how often the disc passed over each place.
+/// Draws the number of passes of the disc over each point.
 ///
 /// # Errors
-/// If OpenCV refuses to draw.
+/// If OpenCV cannot draw the picture.
 pub fn overlap_map(dwell: &Dwell, region: &Region) -> Result<ColorPicture, ImagingError> {
     let color = |grid: &GridDwell, sample: usize| match grid.passes[sample] {
         0 => NOT_REACHED_COLOR,
@@ -83,12 +83,12 @@ const NO_PANEL_COLOR: InkColor = InkColor([225, 225, 225]);
 /// Distance between the lines of the hatch, px.
 const HATCH_SPACING_PX: usize = 6;
 /// Fractions of the target depth that the legend shows.
-const DEPTH_LEGEND_SHARES: [f64; 5] = [0.25, 0.5, 0.75, 1.0, 1.25];
+const DEPTH_LEGEND_FRACTIONS: [f64; 5] = [0.25, 0.5, 0.75, 1.0, 1.25];
 
-/// Draws the map of the removal; the legend shows the target and the limit of the depth, µm.
+/// Draws the map of the removal; the legend shows the target depth and the depth limit, µm.
 ///
 /// # Errors
-/// If OpenCV refuses to draw.
+/// If OpenCV cannot draw the picture.
 pub fn removal_map(
     field: &Field,
     region: &Region,
@@ -111,7 +111,7 @@ pub fn removal_map(
     let unrolled = UnrolledRegion::new(field.sides_mm);
     let painted = paint_grids(&unrolled, (region, &sizes), NO_PANEL_COLOR, color);
     let shown =
-        DEPTH_LEGEND_SHARES.map(|share| share * target_um).into_iter().filter(|depth_um| *depth_um < max_um);
+        DEPTH_LEGEND_FRACTIONS.map(|share| share * target_um).into_iter().filter(|depth_um| *depth_um < max_um);
     let words: Vec<(InkColor, String)> = shown
         .map(|depth_um| {
             let mark = if depth_um == target_um { ", the target" } else { "" };
@@ -128,24 +128,24 @@ pub fn removal_map(
     unrolled.finished(&painted, (region, &sizes), &legend)
 }
 
-/// Number of pixels along the region's longer side.
+/// Number of pixels along the longer side of the region.
 const LONGER_SIDE_PX: usize = 900;
 
-/// The scale and the size at which the region is drawn.
+/// The scale and the size of the drawn region.
 struct UnrolledRegion {
     px_per_mm: f64,
     size_px: [f64; 2],
 }
 
 impl UnrolledRegion {
-    /// Creates the scale and the size for a region with these lengths along u and v, mm.
+    /// Computes the scale and the size for a region with these lengths along u and v, mm.
     fn new(sides_mm: [f64; 2]) -> Self {
         let px_per_mm = LONGER_SIDE_PX as f64 / sides_mm[0].max(sides_mm[1]).max(1.0);
         UnrolledRegion { px_per_mm, size_px: sides_mm.map(|side_mm| side_mm * px_per_mm) }
     }
 
     /// Adds the edges and names of these grids, a scale bar and a legend to the picture.
-    fn finished(
+    fn with_grids_and_legend(
         &self,
         picture: &ColorPicture,
         (region, grids): (&Region, &[(GridId, usize, usize)]),
@@ -171,7 +171,7 @@ impl UnrolledRegion {
 }
 
 /// Paints each pixel of these grids in the colour of its sample. Each grid is given by its name, its number of samples
-/// along u, and its number of all samples.
+/// along u, and its total number of samples.
 fn paint_grids(
     unrolled: &UnrolledRegion,
     (region, grids): (&Region, &[(GridId, usize, usize)]),
@@ -209,8 +209,8 @@ mod tests {
     use panelprep_toolpath::surface::dwell::{ExecutedPose, simulate};
     use panelprep_toolpath::surface::{BSplineSurface, GridField, KnotVector};
 
-    /// A square region with sides of 60 mm and four grids. The disc, with a radius of 5 mm, moved once along the middle
-    /// of the upper grids, and back over the last 15 mm of that path.
+    /// Returns a square region with sides of 60 mm and four grids. The disc, with a radius of 5 mm, moved once along
+    /// the middle of the upper grids, and back over the last 15 mm of this path.
     fn simulated_dwell() -> (Dwell, Region) {
         let knots = || KnotVector::uniform(1, 1, 0.0..=1.0).expect("knots");
         let controls = [(0.0, 0.0), (0.0, 60.0), (60.0, 0.0), (60.0, 60.0)].map(|(x, y)| Point::at(x, y, 0.0));
@@ -230,8 +230,8 @@ mod tests {
         (simulate(&surface, &region, &grids, &[at(5.0), at(55.0), at(40.0)], 5.0), region)
     }
 
-    /// Calculated by hand: 900 px for 60 mm are 15 px per mm, so (20, 15) mm is drawn (300, 225) px from the upper left
-    /// corner below the legend.
+    /// Expected position, calculated by hand: 900 px for 60 mm are 15 px per mm. The point (20, 15) mm is therefore
+    /// drawn (300, 225) px from the upper left corner below the legend.
     #[test]
     fn each_place_has_the_colour_of_its_passes() {
         let (dwell, region) = simulated_dwell();
@@ -244,8 +244,8 @@ mod tests {
         assert!(top > 5 * 12 && map.rgb.contains(&TIME_COLORS[1].0) && map.rgb.contains(&NOT_REACHED_COLOR.0));
     }
 
-    /// The colours can be distinguished by lightness alone: each colour is darker than the one before by a tenth of the
-    /// range.
+    /// The colours can be distinguished by lightness alone: each colour is darker than the previous one by a tenth of
+    /// the range.
     #[test]
     fn colours_of_time_and_passes_differ_in_lightness() {
         let light = |ink: InkColor| {
@@ -267,8 +267,8 @@ mod tests {
         let grid = GridField { id: GridId { row: 1, column: 1 }, columns: 2, values };
         let field = Field { grids: vec![grid], sides_mm: [60.0, 60.0] };
         let map = removal_map(&field, &region, [30.0, 60.0]).expect("drawn");
-        // Calculated by hand: the region is 900 px wide and high, below the legend; these are the middles of the four
-        // samples.
+        // Expected positions, calculated by hand: the region is 900 px wide and high, below the legend; these are the
+        // middles of the four samples.
         let top = map.height - 900;
         let at = |x: usize, y: usize| map.rgb[(top + y) * map.width + x];
         assert_eq!(at(225, 225), DEPTH_COLORS[0].mix_with(DEPTH_COLORS[1], 1.0 / 6.0).0);

@@ -1,4 +1,4 @@
-//! Checks whether a cell can execute a recipe: what both files state about the tool, the feed and the region.
+//! Checks whether a cell can execute a recipe, from the values of both files about the tool, the feed and the region.
 
 use super::{NamedFile, ReadNamed, UnmetRequirement, check_box_unit, to_problems};
 use panelprep_base::config::Problems;
@@ -8,45 +8,46 @@ use panelprep_cell::force::SensorLoad;
 use panelprep_cell::recipe::{Recipe, TreatBy};
 use panelprep_toolpath::removal::model::NO_MODEL_MESSAGE;
 
-/// A mismatch between the recipe's force and the tool.
+/// Error: the force in the recipe does not match the tool.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ForceMismatch {
-    /// The tool is compliant, but the recipe states no force.
-    #[error("the recipe states no [path] force_n; the cell's compliant tool needs the force with which it presses")]
+    /// The tool is compliant, but the recipe contains no force.
+    #[error("the recipe contains no [path] force_n, which the cell's compliant tool needs: add the force")]
     NoForce,
-    /// The recipe states a force, but the tool cannot apply it.
+    /// The recipe contains a force, but the tool cannot apply it.
     #[error(
-        "the recipe states [path] force_n = {found_n}, which has no effect: the cell's [tool] is a spring; remove \
+        "the recipe contains [path] force_n = {found_n}, which has no effect: the cell's [tool] is a spring; remove \
          the key, or use a cell with a compliant tool"
     )]
     ForceForSpringTool {
-        /// The stated force, N.
+        /// The force in the recipe, N.
         found_n: f64,
     },
-    /// The stated force, with its tolerance and the payload's weight, exceeds the largest force of the tool.
+    /// The force in the recipe, with the tool's tolerance and the weight of its payload, exceeds the maximum force of
+    /// the tool.
     #[error(
         "[path] force_n = {found_n} of the recipe is too high: with the tool's force tolerance of {band_n} N and the weight of \
          its payload, {} N, it exceeds [tool] max_force_n = {max_force_n}. Lower the force",
         fixed_decimals(*weight_n, 1)
     )]
     TooMuchForce {
-        /// The stated force, N.
+        /// The force in the recipe, N.
         found_n: f64,
         /// The tool's force tolerance, N.
         band_n: f64,
         /// The weight of the tool's payload, N.
         weight_n: f64,
-        /// The largest force of the tool, N.
+        /// The maximum force of the tool, N.
         max_force_n: f64,
     },
 }
 
-/// Checks that the recipe states a force if the tool is compliant, and only then, and that the tool can apply this
+/// Checks that the recipe contains a force if and only if the tool is compliant, and that the tool can apply this
 /// force.
 ///
 /// # Errors
-/// If the force does not suit the tool; the error names the mismatch.
-pub fn force_fits(tool: Option<&CompliantTool>, recipe: &Recipe) -> Result<(), ForceMismatch> {
+/// If the force does not match the tool; the error states why.
+pub fn check_force(tool: Option<&CompliantTool>, recipe: &Recipe) -> Result<(), ForceMismatch> {
     match (tool, recipe.path().force_n()) {
         (None, None) => Ok(()),
         (Some(_), None) => Err(ForceMismatch::NoForce),
@@ -63,51 +64,51 @@ pub fn force_fits(tool: Option<&CompliantTool>, recipe: &Recipe) -> Result<(), F
     }
 }
 
-/// Returns the demands of a recipe that this cell cannot meet, each with its key in the recipe; empty if recipe and
-/// cell match. The region is compared with the size of the scanner's picture, which is stated in the calibration that
-/// the cell names.
+/// Returns the requirements of a recipe that this cell cannot meet, each with its key in the recipe; empty if recipe
+/// and cell match. The region is compared with the size of the scanner's pictures, which is stated in the calibration
+/// that the cell's file names.
 pub fn unmet_demands(cell: &Cell, recipe: &Recipe, read: ReadNamed<'_>) -> Vec<UnmetRequirement> {
-    let force = force_fits(cell.tool().compliant(), recipe).err();
+    let force = check_force(cell.tool().compliant(), recipe).err();
     let force = force.map(|mismatch| UnmetRequirement::new("path.force_n", mismatch.to_string()));
     let is_unknown = recipe.removal().is_some() && cell.calibration().removal.is_none();
     let removal = is_unknown.then(|| UnmetRequirement::new("removal", NO_MODEL_MESSAGE));
     let outside = picture_px(cell, read).and_then(|size_px| corner_outside_picture(recipe, size_px));
-    let treat = margin_fits(cell, recipe).err();
-    force.into_iter().chain(removal).chain(feed_fits(cell, recipe).err()).chain(treat).chain(outside).collect()
+    let treat = check_margin(cell, recipe).err();
+    force.into_iter().chain(removal).chain(check_feed(cell, recipe).err()).chain(treat).chain(outside).collect()
 }
 
 /// Checks that the recipe's feed is not above the cell's limit.
 ///
 /// # Errors
-/// If it is above; the error states the key, the feed and the limit.
-pub fn feed_fits(cell: &Cell, recipe: &Recipe) -> Result<(), UnmetRequirement> {
+/// If the feed is above the limit; the error states the key, the feed and the limit.
+pub fn check_feed(cell: &Cell, recipe: &Recipe) -> Result<(), UnmetRequirement> {
     let (found, limit) = (recipe.path().feed_mm_s(), cell.limits().max_speed_mm_s());
     if found <= limit {
         return Ok(());
     }
     let [found, limit] = [found, limit].map(shortest_text);
-    let message = format!("found {found}, the cell's [limits] max_speed_mm_s is {limit}: lower the feed");
+    let message = format!("found {found}, but [limits] max_speed_mm_s of the cell's file is {limit}: lower the feed");
     Err(UnmetRequirement::new("path.feed_mm_s", message))
 }
 
-/// Checks that the recipe's uncertainty of a break's place is not less than the cell's error at the tool, if areas
-/// around breaks are abraded.
+/// If areas around water breaks are sanded, checks that the recipe's position uncertainty of a break is not less than
+/// the cell's error at the tool.
 ///
 /// # Errors
-/// If it is less; the error states the key, the uncertainty and the cell's error.
-fn margin_fits(cell: &Cell, recipe: &Recipe) -> Result<(), UnmetRequirement> {
+/// If the uncertainty is less; the error states the key, the uncertainty and the cell's error.
+fn check_margin(cell: &Cell, recipe: &Recipe) -> Result<(), UnmetRequirement> {
     let (treat, error_mm) = (recipe.treat(), cell.limits().tool_error_mm());
     let beyond_mm = error_mm.filter(|error_mm| treat.by() == TreatBy::Break && *error_mm > treat.uncertainty_mm());
     let Some(error_mm) = beyond_mm else { return Ok(()) };
     let [found, error] = [treat.uncertainty_mm(), error_mm].map(shortest_text);
     let message = format!(
-        "found {found}, the cell's [limits] tool_error_mm is {error}: state at least this uncertainty, and a margin_mm \
-         that contains it"
+        "found {found}, but [limits] tool_error_mm of the cell's file is {error}: set at least this uncertainty, and \
+         a margin_mm that includes it"
     );
     Err(UnmetRequirement::new("treat.uncertainty_mm", message))
 }
 
-/// Parses a recipe, and refuses one that no cell can execute because its search box is stated in metres.
+/// Parses a recipe, and refuses a recipe that no cell can execute because its search box is given in metres.
 ///
 /// # Errors
 /// If the recipe has problems; the error lists them.
@@ -121,7 +122,7 @@ pub fn parse_plausible_recipe(name: &str, text: &str) -> Result<Recipe, Problems
     }
 }
 
-/// Returns the size of the scanner's picture, as its calibration states it.
+/// Returns the size of the scanner's pictures from its calibration, px.
 fn picture_px(cell: &Cell, read: ReadNamed<'_>) -> Option<[usize; 2]> {
     let file = cell.calibration().scanner.as_deref()?;
     let NamedFile::Text(text) = read(file) else { return None };
@@ -134,7 +135,8 @@ fn corner_outside_picture(recipe: &Recipe, [width_px, height_px]: [usize; 2]) ->
         |[u, v]: &[f64; 2]| !(0.0..=width_px as f64).contains(u) || !(0.0..=height_px as f64).contains(v);
     let [u, v] = recipe.region().corners_px().into_iter().find(is_outside)?.map(shortest_text);
     let message =
-        format!("the corner ({u}, {v}) is outside of the scanner's picture of {width_px} × {height_px} px");
+        format!("the corner ({u}, {v}) is outside of the scanner's picture of {width_px} × {height_px} px: set a \
+                 corner inside");
     Some(UnmetRequirement::new("region.corners_px", message))
 }
 
@@ -153,8 +155,8 @@ mod tests {
         unmet_demands(&cell, &recipe, &skip_file).into_iter().map(|unmet| unmet.key).collect()
     }
 
-    /// By hand: if the cell states no limit of the feed, it is 250 mm/s. A corner at 12,970 px is outside of a picture
-    /// with a width of 1,944 px.
+    /// Expected values, by hand: without a limit in the cell's file, the feed limit is 250 mm/s. A corner at 12,970 px
+    /// is outside of a picture with a width of 1,944 px.
     #[test]
     fn impossible_feed_region_and_box_are_reported() {
         let feed = |feed_mm_s: u32| format!("[path]\nfeed_mm_s = {feed_mm_s}\n");
@@ -199,7 +201,8 @@ mod tests {
         Intrinsics::check("lens.toml", lens).unwrap_or_else(|problems| panic!("{problems}")).camera
     }
 
-    /// By hand: the payload of 1.5 kg uses 14.7 N of 100 N, and the tolerance 5 N: 80.2 N are possible, 80.4 N are not.
+    /// Expected values, calculated by hand: of the 100 N, the payload of 1.5 kg uses 14.7 N, and the tolerance 5 N. A
+    /// force of 80.2 N is possible, 80.4 N is not.
     #[test]
     fn the_recipes_force_must_suit_the_tool() {
         let compliant = "[tool]\nkind = \"simulated\"\n";

@@ -7,7 +7,7 @@ fn keys(text: &str, purpose: Purpose) -> Vec<String> {
     unmet_requirements(&cell, purpose).into_iter().map(|unmet| unmet.key).collect()
 }
 
-/// Each case is one change of the shipped cell's file, with the keys that are then reported.
+/// Each case is one change of the shipped cell's file, with the keys that must then be reported.
 #[test]
 fn each_cause_that_prevents_a_cycle_is_reported() {
     assert_eq!(keys(COMPLETE_CELL, Purpose::Cycle), [""; 0]);
@@ -51,7 +51,7 @@ fn each_cause_that_prevents_a_cycle_is_reported() {
     }
 }
 
-/// No cycle starts on a real controller whose programs were not accepted. Single functions, with which the cell is
+/// No cycle can start on a real controller whose programs were not accepted. Single functions, with which the cell is
 /// commissioned, and a rehearsal on this computer need no acceptance.
 #[test]
 fn a_cycle_on_a_real_controller_needs_accepted_programs() {
@@ -85,8 +85,8 @@ fn found(cell: &str, read: ReadNamed<'_>) -> Vec<(String, String)> {
     incomplete_files(&cell, Purpose::Cycle, read).into_iter().map(|unmet| (unmet.key, unmet.message)).collect()
 }
 
-/// Each file is reported once, and what to do is stated once; an existing file is checked as the kind of file that its
-/// key names.
+/// Each missing file is reported once, and the advice is given once; an existing file is checked as the kind of file
+/// that its key requires.
 #[test]
 fn missing_and_invalid_files_are_reported_once() {
     assert_eq!(found(COMPLETE_CELL, &skip_file), []);

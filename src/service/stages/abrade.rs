@@ -1,4 +1,4 @@
-//! The executed part of a contact path, from the poses that the robot reported.
+//! The executed part of a contact path, evaluated from the poses that the robot reported.
 
 use super::removal::{PathRemovalTotal, RemovalInputs};
 use super::{ResultDrawing, names};
@@ -15,20 +15,20 @@ use panelprep_toolpath::path::trace::{ExecutedPath, Trace};
 use panelprep_toolpath::surface::BSplineSurface;
 use std::collections::BTreeSet;
 
-/// Largest distance of a reported pose from the planned path where the path is straight, mm: what remains as an error
-/// of the drives.
+/// Maximum distance of a reported pose from a straight part of the planned path, mm: the usual tracking error of the
+/// drives.
 const MAX_PATH_DEVIATION_MM: f64 = 1.0;
-/// The covered share of an executed grid may be less than the planned share by this amount, because the reported poses
-/// are some millimetres apart.
+/// Maximum amount by which the covered fraction of an executed grid may be less than the planned fraction, because the
+/// reported poses are some millimetres apart.
 const MAX_COVERAGE_DEFICIT: f64 = 0.01;
 
-/// Largest ratio of a grid's time under the disc to the planned time; above it, a person must review the result. In
-/// bends and on short moves the arm is slower than the planned feed.
+/// Maximum ratio of a grid's dwell time to the planned dwell time without a review by a person. In bends and on short
+/// moves the arm is slower than the planned feed.
 const MAX_DWELL_RATIO: f64 = 1.35;
-/// Above this ratio, the removal is not the planned one, and the part is rejected.
+/// Maximum ratio that a person may accept. Above it, the removal is not the planned one, and the part is rejected.
 const MAX_REVIEWED_DWELL_RATIO: f64 = 1.6;
 
-/// The executed part of a path; its first waypoint, the end of the approach, is not counted.
+/// The executed part of a path, without its first waypoint, which is the end of the approach.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Progress {
     /// Number of waypoints of the path.
@@ -47,13 +47,13 @@ impl Progress {
 /// The result of a contact path.
 #[derive(Debug, Clone)]
 pub struct AbrasionResult {
-    /// Grids that were abraded as planned.
+    /// Grids that were sanded as planned.
     pub completed: Vec<GridId>,
     /// Grids that were begun but not completed.
     pub incomplete: Vec<GridId>,
     /// Area that the disc swept, mm².
     pub swept_mm2: f64,
-    /// The removal over all passes of the part; `None` if the recipe does not ask for it, or if it is not known.
+    /// The removal over all passes on the part; `None` if the recipe does not require a removal, or if it is not known.
     pub removed: Option<PathRemovalTotal>,
     progress: Progress,
     executed_path: ExecutedPath,
@@ -64,7 +64,7 @@ pub struct AbrasionResult {
     longest_dwell: Option<LongestDwell>,
 }
 
-/// The grid with the largest ratio of its time under the disc to its planned time.
+/// The grid with the largest ratio of its dwell time to its planned dwell time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct LongestDwell {
     id: GridId,
@@ -72,7 +72,7 @@ struct LongestDwell {
     ratio: f64,
 }
 
-/// Evaluates what the disc did on a contact path, from the reported poses in `trace`.
+/// Evaluates the effect of the disc on a contact path, from the reported poses in `trace`.
 pub fn evaluate_abrasion(
     plan: &Plan,
     (surface, region): (&BSplineSurface, &Region),
@@ -88,7 +88,7 @@ pub fn evaluate_abrasion(
     let longer = longest_dwell(&dwell.grids, &simulated(&dwell::timed_poses(plan)).grids);
     let planned: BTreeSet<GridId> = plan.grids.iter().map(|grid| grid.id).collect();
     let others: Vec<GridId> = region.ids().filter(|id| !planned.contains(id)).collect();
-    let beside = overlapped(dwell::simulate(surface, region, &others, &walked.poses, disc_mm / 2.0).grids);
+    let beside = overlapped_grids(dwell::simulate(surface, region, &others, &walked.poses, disc_mm / 2.0).grids);
     let (whole, begun) = split_covered(plan, &dwell, progress.done);
     let off_limit_mm = deviation_limit_mm(settings);
     let removed = removal.and_then(|removal| removal.executed_removal(&plan.treated, &walked.poses));
@@ -106,22 +106,22 @@ pub fn evaluate_abrasion(
     }
 }
 
-/// Returns those grids that the disc reached.
-fn overlapped(grids: Vec<GridDwell>) -> Vec<GridDwell> {
-    grids.into_iter().filter(|grid| grid.covered_fraction() > 0.0).collect()
+/// Returns the grids that the disc reached.
+fn overlapped_grids(grids: Vec<GridDwell>) -> Vec<GridDwell> {
+    grids.into_iter().filter(|grid| grid.share() > 0.0).collect()
 }
 
-/// Returns the limit of the distance of a measured pose from the planned path, mm. It includes the blending distance,
+/// Returns the maximum distance of a measured pose from the planned path, mm. It includes the blending distance,
 /// because a blended corner is at most this far from the planned path.
 pub fn deviation_limit_mm(settings: &recipe::Path) -> f64 {
     MAX_PATH_DEVIATION_MM + settings.blend_share() * settings.waypoint_spacing_mm()
 }
 
 impl AbrasionResult {
-    /// Draws how long, and how often, each place was under the disc.
+    /// Draws the dwell time, and the number of passes, at each point.
     pub fn draw_dwell(&self, region: &Region) -> [ResultDrawing; 2] {
-        let time = "Time that each place was under the disc, from the poses that the robot reported";
-        let often = "Number of disc passes over each place, from the poses that the robot reported";
+        let time = "Dwell time of the disc at each point, from the poses that the robot reported";
+        let often = "Number of passes of the disc over each point, from the poses that the robot reported";
         [
             ResultDrawing::new("executed", time, dwell_map(&self.dwell, region)),
             ResultDrawing::new("overlap", often, overlap_map(&self.dwell, region)),
@@ -141,7 +141,7 @@ impl AbrasionResult {
         let Progress { waypoints, done } = self.progress;
         let (off_mm, allowed_mm, begun) =
             (self.executed_path.off_mm, self.deviation_limit_mm, self.incomplete.len() as f64);
-        // Full coverage is not expected of a path that was cut short.
+        // Full coverage is not expected of an interrupted path.
         let is_not_covered = self.progress.is_complete() && begun > 0.0;
         [
             Check::new(name::EXECUTED_WAYPOINTS_NAME, "", f64::from(done))
@@ -174,8 +174,8 @@ impl AbrasionResult {
         ]
     }
 
-    /// Checks the time under the disc against the planned time. The covered share of a grid does not show a time that
-    /// is too long, because a slow robot covers everything.
+    /// Checks the dwell time against the planned dwell time. The covered fraction of a grid does not indicate a dwell
+    /// time that is too long, because a slow robot covers everything.
     fn dwell_ratio_check(&self) -> Check {
         let Some(LongestDwell { id, ratio }) = self.longest_dwell else {
             return Check::new(name::DWELL_RATIO_NAME, "", None);
@@ -187,15 +187,15 @@ impl AbrasionResult {
             || {
                 let [found, allowed] = distinguishable_texts(ratio, MAX_DWELL_RATIO, 2);
                 format!(
-                    "{id} was under the disc {found} times as long as planned (limit {allowed} times; above \
-                     {MAX_REVIEWED_DWELL_RATIO} times the part is rejected); check that the override is 100 % and that the \
-                     robot reaches the feed"
+                    "the dwell time of the disc on {id} was {found} times as long as planned (limit {allowed} times; \
+                     above {MAX_REVIEWED_DWELL_RATIO} times the part is rejected); check that the override is 100 % \
+                     and that the robot reaches the feed"
                 )
             },
         )
     }
 
-    /// Returns the mean, smallest and largest force that a compliant tool measured at the poses in contact; empty for
+    /// Returns the mean, minimum and maximum force that a compliant tool measured at the poses in contact; empty for
     /// another tool.
     fn contact_forces(&self) -> Vec<Check> {
         let on_panel = self.executed_path.poses.iter().filter(|pose| pose.contact);
@@ -211,7 +211,7 @@ impl AbrasionResult {
             .into()
     }
 
-    /// Returns the result for the record; `most_passes` is the limit of the number of passes.
+    /// Returns the result for the record; `most_passes` is the maximum number of passes.
     pub fn finding(&self, pass: u8, most_passes: usize) -> Finding {
         let (walked, dwell) = (&self.executed_path, &self.dwell);
         let [executed, begun, off_path, longer] = self.checks();
@@ -220,7 +220,7 @@ impl AbrasionResult {
             .removed
             .as_ref()
             .map_or_else(Vec::new, |removed| removed.executed_checks(self.progress.is_complete()));
-        // The reasons of the removal precede the reason of the time.
+        // The reasons about the removal precede the reason about the dwell time.
         let judgement =
             Judgement::from_checks([&executed, &begun, &off_path].into_iter().chain(&of_removal).chain([&longer]));
         let finding =
@@ -258,15 +258,15 @@ impl AbrasionResult {
     }
 }
 
-/// Returns the gate's verdict on the executed path. If a part of the path was not executed, this is not a fault of the
-/// executed part: the cycle is then held or aborted, and the remaining part is planned again.
+/// Returns the verdict of the checks on the executed path. A part that was not executed is not a fault of the executed
+/// part: the cycle is then held or aborted, and the remaining part is planned again.
 pub fn executed_checks(finding: &Finding) -> Judgement {
     Judgement::from_checks(finding.checks.iter().filter(|check| check.name != name::EXECUTED_WAYPOINTS_NAME))
 }
 
-/// Returns the grid with the largest ratio of executed to planned time under the disc; `None` if the disc touched
-/// nothing. The ratio is calculated both for the mean time of the grid and for the 95 % quantile over the grid; the
-/// quantile also finds a long time in only a part of the grid.
+/// Returns the grid with the largest ratio of executed to planned dwell time; `None` if the disc touched nothing. The
+/// ratio is computed both for the mean time of the grid and for the 95 % quantile over the grid; the quantile also
+/// detects a long time in a part of the grid.
 fn longest_dwell(executed: &[GridDwell], planned: &[GridDwell]) -> Option<LongestDwell> {
     let high_s = |grid: &GridDwell| grid.spread().map_or(0.0, |spread| spread.high_s);
     let of_grid = |grid: &GridDwell| {
@@ -286,7 +286,7 @@ fn longest_dwell(executed: &[GridDwell], planned: &[GridDwell]) -> Option<Longes
     touched.max_by(|a, b| a.ratio.total_cmp(&b.ratio))
 }
 
-/// Returns the grids of those areas that were begun, in two lists: those covered as planned, and the others.
+/// Returns the grids of the areas that were begun, in two lists: those covered as planned, and the others.
 fn split_covered(plan: &Plan, dwell: &Dwell, done: u32) -> (Vec<GridId>, Vec<GridId>) {
     let executed = done as usize + 1;
     let mut before = 0;
@@ -296,10 +296,10 @@ fn split_covered(plan: &Plan, dwell: &Dwell, done: u32) -> (Vec<GridId>, Vec<Gri
         let touched = path.waypoints.iter().take(reached).any(|waypoint| waypoint.contact);
         before += path.waypoints.len();
         for id in path.grids.iter().filter(|_| touched) {
-            let planned = plan.grids.iter().find(|grid| grid.id == *id).map_or(1.0, |grid| grid.covered_fraction());
-            let found = dwell.grid(*id).map_or(0.0, |grid| grid.covered_fraction());
-            // The path of this area was interrupted before the disc reached this grid, or the grid was already listed
-            // for another area.
+            let planned = plan.grids.iter().find(|grid| grid.id == *id).map_or(1.0, |grid| grid.share());
+            let found = dwell.grid(*id).map_or(0.0, |grid| grid.share());
+            // The path of this area was interrupted before the disc reached this grid, or the grid is already in a list
+            // because of another area.
             if found <= 0.0 || whole.contains(id) || begun.contains(id) {
                 continue;
             }
@@ -314,7 +314,7 @@ fn split_covered(plan: &Plan, dwell: &Dwell, done: u32) -> (Vec<GridId>, Vec<Gri
 mod tests {
     use super::*;
 
-    /// Creates a grid with four samples of 1 mm² and these times.
+    /// Returns a grid with four samples of 1 mm² and these dwell times.
     fn grid(column: usize, dwell_s: [f32; 4]) -> GridDwell {
         let passes = dwell_s.map(|time| u16::from(time > 0.0)).to_vec();
         let id = GridId { row: 1, column };
@@ -327,16 +327,16 @@ mod tests {
 
     #[test]
     fn only_a_grid_that_the_disc_reached_is_overlapped() {
-        let kept = overlapped(vec![grid(1, [0.0; 4]), grid(2, [0.0, 0.0, 0.0, 0.2])]);
-        // Calculated by hand: the disc reached one of four equal samples of the second grid.
+        let kept = overlapped_grids(vec![grid(1, [0.0; 4]), grid(2, [0.0, 0.0, 0.0, 0.2])]);
+        // Expected value, by hand: the disc reached one of four equal samples of the second grid.
         assert_eq!(
             kept.iter().map(|one| (one.id.to_string(), one.covered_fraction())).collect::<Vec<_>>(),
             [("r1c2".to_owned(), 0.25)]
         );
     }
 
-    /// Two areas around breaks lie in one grid. After the first path the grid is begun; after both paths it is abraded,
-    /// and it is listed once.
+    /// Two areas around water breaks are in one grid. After the first path the grid is begun; after both paths it is
+    /// sanded, and it is listed once.
     #[test]
     fn a_grid_with_two_areas_is_abraded_after_both() {
         use panelprep_toolpath::path::plan_beyond_borders;
@@ -345,7 +345,8 @@ mod tests {
         let recipe = recipe(Shape::Plane, "[path]\ndisc_diameter_mm = 10\nstep_over_mm = 4\n");
         let panel = taught(Shape::Plane, ScanDefects::default(), &recipe);
         let fit = examine_fit(&panel, recipe.surface()).expect("a surface");
-        // By hand: r2c3 extends from 0.4 to 0.6 along u; the areas are 16.8 mm and 11.2 mm wide, with a gap of 11.2 mm.
+        // Expected values, calculated by hand: r2c3 extends from 0.4 to 0.6 along u; the areas are 16.8 mm and 11.2 mm
+        // wide, with a gap of 11.2 mm.
         let area = |low: f64, high: f64| ParameterPatch {
             low: Parameter { u: low, v: 0.4 },
             high: Parameter { u: high, v: 0.5 },
@@ -366,8 +367,8 @@ mod tests {
         assert_eq!((plan.paths.len(), after(all)), (2, (vec![grid], vec![])));
     }
 
-    /// Calculated by hand: at an override of 50 % each place is under the disc twice as long. A stop at one of four
-    /// places gives 1.5 times the mean, and 3 times at that place.
+    /// Expected ratios, calculated by hand: at an override of 50 % the dwell time at each point is twice as long. A
+    /// stop at one of four points gives 1.5 times the mean, and 3 times at this point.
     #[test]
     fn the_dwell_time_of_a_grid_is_compared_with_its_plan() {
         assert_eq!(ratio([2.0; 4], [1.0; 4]), Some(2.0));
@@ -375,7 +376,7 @@ mod tests {
         assert_eq!(ratio([1.0, 1.0, 1.0, 3.0], [1.0; 4]), Some(3.0));
         assert_eq!(ratio([0.0; 4], [1.0; 4]), None, "the disc was not there");
         assert_eq!(ratio([0.5; 4], [0.0; 4]), Some(f64::INFINITY), "nothing was planned there");
-        // Of an interrupted path, only the executed half counts.
+        // Of an interrupted path, only the executed half is evaluated.
         assert_eq!(ratio([1.0, 1.0, 0.0, 0.0], [1.0; 4]), Some(1.0));
     }
 }

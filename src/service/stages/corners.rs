@@ -1,8 +1,8 @@
-//! Results of the flange camera's pictures of taught corners: the correction of a localization, and, immediately before
-//! contact, the check whether the corners are still where the localization puts them.
+//! Evaluation of the flange camera's pictures of taught corners: the correction of a localization, and, immediately
+//! before contact, the check whether the corners are still where the localization predicts them.
 //!
-//! Each corner is searched for in its own picture. Then all corners together correct the panel's pose, or confirm it:
-//! if several corners were seen, one corner alone never is the result.
+//! Each corner is searched for in its own picture. Then all corners together correct or confirm the panel's pose; if
+//! several corners were seen, the result never depends on one corner alone.
 
 use super::ResultDrawing;
 use crate::report;
@@ -22,12 +22,12 @@ use serde_json::json;
 /// add little accuracy.
 const MAX_CORNERS: usize = 2;
 
-/// Returns the number of corners that a loop of views shows, if all `taught` corners can be seen.
+/// Returns the maximum number of views in a loop, if all `taught` corners can be seen.
 pub fn max_views(limits: &recipe::Corner, taught: usize) -> usize {
     MAX_CORNERS.min(limits.max_moves() + 1).min(taught)
 }
 
-/// The reference with which corner pictures are compared.
+/// The data with which corner pictures are compared.
 #[derive(Debug, Clone, Copy)]
 pub struct CornerReference<'a> {
     /// The taught corners, in the order of teaching.
@@ -41,18 +41,18 @@ pub struct CornerReference<'a> {
     pub limits: &'a recipe::Corner,
 }
 
-/// A taught corner found in a picture.
+/// A taught corner that was detected in a picture.
 #[derive(Debug, Clone, Copy)]
 pub struct Sighting {
     /// Index of the corner among the taught corners, from 0.
     pub corner: usize,
-    /// The corner as taught.
+    /// The taught data of the corner.
     pub taught: TaughtCorner,
-    /// The camera's pose at this picture.
+    /// The pose of the camera at the picture.
     pub base_from_camera: Rigid<Base, FlangeCamera>,
-    /// The corner's position in the picture.
+    /// The detected position of the corner in the picture, px.
     pub found_px: Pixel,
-    /// The assumed pose of the panel, from which the position for the search was calculated.
+    /// The assumed pose of the panel, from which the search position was computed.
     pub search_pose: Rigid<Base, Panel>,
 }
 
@@ -66,7 +66,7 @@ pub struct Progress {
 }
 
 impl CornerReference<'_> {
-    /// Finds a taught corner in a picture; `place` is the assumed pose of the panel.
+    /// Detects a taught corner in a picture; `place` is the assumed pose of the panel.
     ///
     /// # Errors
     /// If the picture shows no corner of the panel.
@@ -81,7 +81,7 @@ impl CornerReference<'_> {
         Ok(Sighting { corner, taught: *taught, base_from_camera, found_px: found.corner_px, search_pose: place })
     }
 
-    /// Returns the pose that results from all sightings together, beginning with an assumed pose of the panel.
+    /// Returns the pose that results from all sightings together, starting from an assumed pose of the panel.
     fn combine_sightings(
         &self,
         place: Rigid<Base, Panel>,
@@ -91,8 +91,8 @@ impl CornerReference<'_> {
         refine::refine(place, self.camera, &views)
     }
 
-    /// Corrects a localization by corner pictures. `claims_mm` are the errors that localization and calibrations state,
-    /// 95 %, if they state any; `progress` is given if the pictures are those of a loop of views.
+    /// Corrects a localization by corner pictures. `claims_mm` are the uncertainties of localization and calibrations,
+    /// 95 %, if they are known; `progress` is given if the pictures are those of a loop of views.
     ///
     /// # Errors
     /// If there is no sighting, or a corner is not in front of its camera.
@@ -112,18 +112,18 @@ impl CornerReference<'_> {
         Ok(correction.with_check(self.lens_extent_check(sightings)))
     }
 
-    /// Returns a failed check if a corner was found outside of the calibrated part of the lens.
+    /// Returns a failed check if a corner was detected outside of the calibrated part of the lens.
     fn lens_extent_check(&self, sightings: &[Sighting]) -> Option<Check> {
         let outside = health::lens_extent_refusal(self.lens, sightings.iter().map(|sighting| sighting.found_px))?;
         let check = Check::new("corner where the lens is known", "", None);
         Some(check.with_reason(Some(outside), Severity::Reject))
     }
 
-    /// Checks whether the corners are where the pose `place` puts them. `unseen` states which of the corners that
+    /// Checks whether the corners are where the pose `place` predicts them. `unseen` states which of the corners that
     /// determine the pose cannot be seen again, if there are any.
     ///
     /// # Errors
-    /// As [`CornerReference::refine`].
+    /// The errors of [`CornerReference::refine`].
     pub fn verify(
         &self,
         place: Rigid<Base, Panel>,
@@ -138,8 +138,8 @@ impl CornerReference<'_> {
         Ok(Verification { checks, count, judgement })
     }
 
-    /// Draws the corner in its picture, at the found position and at the position according to a pose of the panel;
-    /// `None` if the latter position is not in front of the camera.
+    /// Draws the corner in its picture, at the detected position and at the position predicted from a pose of the
+    /// panel; `None` if the predicted position is not in front of the camera.
     pub fn draw_corner(
         &self,
         (sighting, picture): (&Sighting, &ColorPicture),
@@ -166,11 +166,11 @@ impl Sighting {
     }
 }
 
-/// Returns the largest distance between the corrected position of a corner and its position in the assumed pose, mm.
+/// Returns the maximum distance between the corrected position of a corner and its position in the assumed pose, mm.
 fn step_mm(refined: &RefinedPose, sightings: &[Sighting]) -> f64 {
     let step_mm =
         |seen: &Sighting| refined.base_from_panel.distance_at_mm(seen.search_pose, seen.taught.point).abs();
-    // `abs` makes the sign of a NaN positive, so that a NaN counts as the largest distance.
+    // `abs` makes the sign of a NaN positive, so that a NaN is treated as the maximum distance.
     sightings.iter().map(step_mm).max_by(f64::total_cmp).unwrap_or(f64::NAN)
 }
 
@@ -178,10 +178,9 @@ fn step_mm(refined: &RefinedPose, sightings: &[Sighting]) -> f64 {
 #[derive(Debug, Clone, Copy)]
 struct ViewLoop {
     progress: Progress,
-    /// Whether no view follows.
+    /// Whether no further view follows.
     is_last: bool,
-    /// The largest distance between the corrected position of a corner and the position at which it was searched for,
-    /// mm.
+    /// The maximum distance between the corrected position of a corner and its search position, mm.
     step_mm: f64,
 }
 
@@ -190,13 +189,13 @@ impl ViewLoop {
         self.step_mm <= limits.settled_mm()
     }
 
-    /// Returns whether all corners have been seen from close range.
+    /// Returns whether all corners were seen from close range.
     fn are_all_seen(self, limits: &recipe::Corner) -> bool {
         !self.progress.is_missing && self.has_converged(limits)
     }
 
-    /// Returns the checks of a loop of views: it converges, needs at most the allowed number of moves, and has seen all
-    /// corners.
+    /// Returns the checks of a loop of views: it converges, needs at most the permitted number of moves, and has seen
+    /// all corners.
     fn checks(self, seen: usize, limits: &recipe::Corner) -> [Check; 3] {
         let (is_done, step_mm) = (self.are_all_seen(limits), self.step_mm);
         let step = Check::new("corner from where it was looked for", "mm", step_mm);
@@ -238,11 +237,11 @@ fn not_converged_text(step_mm: f64, limits: &recipe::Corner) -> String {
 pub struct Correction {
     /// The corrected pose and its evidence.
     pub refined: RefinedPose,
-    /// Every number that was judged.
+    /// Every check of the correction.
     pub checks: Vec<Check>,
     /// The verdict.
     pub judgement: Judgement,
-    /// Whether another view may help: not all corners have been seen from close range, and moves are left.
+    /// Whether another view may help: not all corners were seen from close range, and moves are left.
     pub is_another_view_useful: bool,
 }
 
@@ -255,7 +254,7 @@ impl Correction {
     ) -> Self {
         let is_done = views.is_none_or(|views| views.are_all_seen(limits));
         let wants_another_view = !is_done && views.is_some_and(|views| !views.is_last);
-        // Disagreements of corners become reasons for a review only after all corners have been seen from close range.
+        // Contradictions between corners become reasons for a review only after all corners were seen from close range.
         // A check that rejects does not wait for another view.
         let claims_mm = claims_mm.filter(|_| is_done);
         let is_open = |check: &Check| wants_another_view && check.severity < Severity::Reject;
@@ -304,7 +303,7 @@ fn correction_motion(refined: &RefinedPose) -> [Check; 3] {
     ]
 }
 
-/// The result of the corners immediately before contact.
+/// The result of the verification immediately before contact.
 #[derive(Debug, Clone)]
 pub struct Verification {
     /// Checks of the distance of each corner from its position according to the localization.
@@ -343,8 +342,8 @@ mod tests {
         Recipe::check("test.toml", text).unwrap_or_else(|problems| panic!("{problems}"))
     }
 
-    /// A correction by two corners that contradict each other: each needs a shift of 1 mm, and a residual of 0.4 mm
-    /// remains; the limit for one rigid panel is 0.3 mm.
+    /// Returns a correction by two corners that contradict each other: each requires a shift of 1 mm, and a residual of
+    /// 0.4 mm remains; the limit for one rigid panel is 0.3 mm.
     fn corners_that_contradict() -> RefinedPose {
         let expected_px = Pixel::at(0.0, 0.0);
         let report = |corner| CornerReport {
@@ -387,8 +386,7 @@ mod tests {
         }
     }
 
-    /// If another view follows, the reasons for a review are not yet reasons about the panel, and no person is asked to
-    /// decide about them.
+    /// If another view follows, the reasons for a review are not final, and no person is asked to decide about them.
     #[test]
     fn a_view_before_the_last_one_gives_no_review() {
         let recipe = recipe();
@@ -401,7 +399,7 @@ mod tests {
     }
 
     /// A corner is measured less accurately from a large distance: while moves are left, it is viewed from close range
-    /// before its reasons for a review count.
+    /// before its reasons for a review are reported.
     #[test]
     fn views_are_requested_until_all_corners_were_seen_closely() {
         let recipe = recipe();
@@ -414,7 +412,7 @@ mod tests {
         assert!(!wants(None), "pictures that were not taken in a loop are all there are");
     }
 
-    /// Pictures from files are judged like those of a loop that has seen all corners from close range.
+    /// Pictures from files are evaluated like those of a loop that has seen all corners from close range.
     #[test]
     fn a_completed_loop_judges_like_a_command() {
         let recipe = recipe();

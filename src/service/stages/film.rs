@@ -1,8 +1,8 @@
 //! The water-break test: pictures are added one by one while the film is observed, or while a clip is read. After the
-//! last picture the film is judged.
+//! last picture the film is evaluated.
 //!
-//! Some pictures are kept for the strip, cropped to the region: evenly distributed over time, and at short intervals
-//! after the film opens.
+//! Some pictures are kept for the strip, cropped to the region: uniformly distributed over time, and at short intervals
+//! after the film has broken.
 
 use super::{ResultDrawing, names};
 use crate::report::{FailedGrid, PanelOverlay, StripPicture, bounds, cut_out, film_strip, strip_times_s};
@@ -18,7 +18,7 @@ use panelprep_vision::inspect::{
 };
 use std::sync::Arc;
 
-/// The setup with which a film is observed.
+/// The data for the observation of a film.
 #[derive(Debug, Clone, Copy)]
 pub struct FilmSetup<'a> {
     /// The taught panel.
@@ -27,7 +27,7 @@ pub struct FilmSetup<'a> {
     pub camera: &'a PinholeCamera,
     /// The panel's pose in the camera's frame.
     pub camera_from_panel: Rigid<Camera, Panel>,
-    /// The taught pixels of places that were sanded since the dry picture was taken.
+    /// The taught pixels of places that were sanded after the dry picture was captured.
     pub sanded: Option<&'a Mask>,
     /// The duration of the observation, and the criteria of failure.
     pub demands: Demands,
@@ -35,7 +35,7 @@ pub struct FilmSetup<'a> {
     pub recipe: &'a Recipe,
 }
 
-/// A film that is being observed.
+/// A film in progress.
 #[derive(Debug)]
 pub struct FilmRun {
     watch: FilmWatch,
@@ -47,7 +47,7 @@ pub struct FilmRun {
 /// The result of adding one picture to a film.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PictureOutcome {
-    /// The picture's time after the first fully wet picture, s; `None` before that.
+    /// The time of the picture after the first fully wet picture, s; `None` before that.
     pub since_wet_s: Option<f64>,
     /// Names of the grids on which the film broke, if these are the first failed grids of this film.
     pub newly_broken_grids: Option<String>,
@@ -71,15 +71,15 @@ impl FilmRun {
         self.watch.assume_nominal_pose();
     }
 
-    /// Sets the start time of the film, by the clock of its pictures: see [`Watch::set_start`].
+    /// Sets the start time of the film on the clock of its pictures: see [`Watch::set_start`].
     pub fn set_start(&mut self, time_s: f64) {
         self.watch.set_start(time_s);
     }
 
-    /// Adds the next picture; `time_s` is its time by any clock that does not jump.
+    /// Adds the next picture; `time_s` is its time on any monotonic clock.
     ///
     /// # Errors
-    /// If the picture does not have the camera's size, or the pictures are not in the order of time.
+    /// If the picture does not have the size of the camera's pictures, or the pictures are not ordered by time.
     pub fn push(
         &mut self,
         picture: &Arc<ColorPicture>,
@@ -95,38 +95,38 @@ impl FilmRun {
         Ok(PictureOutcome { since_wet_s: step.since_wet_s, newly_broken_grids: opened_on })
     }
 
-    /// Returns the newest picture, the pixels that have broken and the grids that have failed so far; `None` before
-    /// the first picture.
+    /// Returns the newest picture, the pixels that have broken and the grids that have failed so far; `None` before the
+    /// first picture.
     pub fn current_breaks(&self) -> Option<(Arc<ColorPicture>, Mask, Vec<GridId>)> {
         Some((self.last.clone()?, self.watch.mask(), self.watch.failed_grids()))
     }
 
-    /// Judges the film.
+    /// Evaluates the film: computes the verdict.
     ///
     /// # Errors
-    /// If it has no picture of the wet panel.
+    /// If the film has no picture of the wet panel.
     pub fn finish(self) -> Result<FilmOutcome, InspectError> {
         let inspection = Arc::new(self.watch.finish()?);
         Ok(FilmOutcome { inspection, last: self.last, strip: self.strip })
     }
 }
 
-/// A film after its observation.
+/// A completed film.
 #[derive(Debug)]
 pub struct FilmOutcome {
-    /// The inspection's result, with the verdict.
+    /// The result of the inspection, with the verdict.
     pub inspection: Arc<Inspection>,
     /// The last picture.
     pub last: Option<Arc<ColorPicture>>,
     strip: KeyframeStrip,
 }
 
-/// Numbers that do not belong to the result of the film.
+/// Counts and times that do not belong to the result of the film.
 #[derive(Debug, Clone, Copy)]
 pub struct FilmCounts {
     /// Median time from the decoding of a picture to its result, ms.
     pub ms_per_picture: Option<f64>,
-    /// Number of the camera's pictures that were not fetched in time, if the camera reports it.
+    /// Number of the camera's pictures that were not fetched in time, if the camera reports this number.
     pub dropped: Option<u64>,
 }
 
@@ -142,12 +142,12 @@ impl FilmOutcome {
         let mut drawings = vec![
             ResultDrawing::new(
                 "film",
-                "The film over time, in seconds after the panel was completely wet; broken film is tinted yellow",
+                "The film over time, in seconds after the first fully wet picture; broken film is tinted yellow",
                 self.strip.draw_strip(inspection, last),
             ),
             ResultDrawing::new(
                 "inspected",
-                "All broken film at the end of the observation, areas that were not seen, and failed grids",
+                "All broken film at the end of the observation, areas that were not visible, and failed grids",
                 view.draw_inspection(setup.panel, &inspection.mask(), Some(&inspection.unseen_pixels()), &failed),
             ),
             ResultDrawing::new(
@@ -182,7 +182,7 @@ impl FilmOutcome {
             let of = inspection.grids.iter().filter(|grid| grid.reference == reference);
             let ids: Vec<GridId> = of.map(|grid| grid.id).collect();
             if !ids.is_empty() {
-                finding = finding.with_detail(&format!("judged by the {}", reference.describe()), names(&ids));
+                finding = finding.with_detail(&format!("evaluated by the {}", reference.describe()), names(&ids));
             }
         }
         let checks = inspection.checks.iter().cloned();
@@ -190,7 +190,7 @@ impl FilmOutcome {
     }
 }
 
-/// Returns the failed grids, each with a text that states its broken area.
+/// Returns the failed grids, each with a text that contains its broken area.
 fn failed_grids<'p>(panel: &'p TaughtPanel, inspection: &Inspection) -> Vec<FailedGrid<'p>> {
     let failed = inspection.grids.iter().filter(|grid| grid.failed);
     let one = |found: &GridInspection| {
@@ -203,7 +203,7 @@ fn failed_grids<'p>(panel: &'p TaughtPanel, inspection: &Inspection) -> Vec<Fail
     failed.filter_map(one).collect()
 }
 
-/// Returns values that are reported with a film but not judged.
+/// Returns the values of a film that are reported but have no limit.
 fn counts(inspection: &Inspection, counted: FilmCounts) -> [Check; 4] {
     let closed = inspection.breaks.iter().filter(|found| found.has_closed_again()).count();
     [
@@ -214,7 +214,7 @@ fn counts(inspection: &Inspection, counted: FilmCounts) -> [Check; 4] {
     ]
 }
 
-/// Times that differ by at most this amount are equal, s.
+/// Maximum difference between two times that are treated as equal, s.
 const TIME_TOLERANCE_S: f64 = 1e-3;
 
 /// The pictures that were selected for the strip so far.
@@ -240,7 +240,7 @@ impl KeyframeStrip {
         KeyframeStrip { bounds, lasts_s, opened_s: None, cuts: Vec::new() }
     }
 
-    /// Stores the picture if the strip may need it.
+    /// Keeps the picture if the strip may need it.
     fn offer_picture(&mut self, picture: &ColorPicture, step: &PictureResult) {
         let Some(since_wet_s) = step.since_wet_s else { return };
         let opens = self.opened_s.is_none() && step.broken_mm2 > 0.0;
@@ -259,7 +259,7 @@ impl KeyframeStrip {
         }
     }
 
-    /// Draws the strip: each picture with the area that had broken by then; `last` is the film's last picture.
+    /// Draws the strip: each picture with the area that was broken at its time; `last` is the film's last picture.
     fn draw_strip(&self, inspection: &Inspection, last: &ColorPicture) -> Result<ColorPicture, ImagingError> {
         let broke_s = inspection.breaks.iter().map(|found| found.first_seen_s).reduce(f64::min);
         let end_s = inspection.observation.observed_s;
@@ -267,7 +267,7 @@ impl KeyframeStrip {
             .into_iter()
             .map(|time_s| {
                 let kept = self.cuts.iter().find(|(kept_s, _)| *kept_s >= time_s - TIME_TOLERANCE_S);
-                // After the last stored picture, the strip shows the film's last picture.
+                // After the last kept picture, the strip shows the film's last picture.
                 let shown_s = kept.map_or(end_s, |(kept_s, _)| *kept_s);
                 let (last, broken) = cut_out(last, &inspection.mask_at(shown_s), self.bounds);
                 let picture = kept.map_or(last, |(_, picture)| picture.clone());

@@ -1,4 +1,4 @@
-//! Localizes the panel: the taught panel is found in a 3D scan, and the gate judges the fit.
+//! Localization of the panel: the taught panel is searched for in a 3D scan, and the fit is checked.
 
 use super::ResultDrawing;
 use crate::report::{self, reason_pictures};
@@ -14,9 +14,9 @@ use serde_json::json;
 
 /// A localization with its verdict.
 pub struct LocateOutcome<'a> {
-    /// The evidence; `None` if no object like the panel was found.
+    /// The fit; `None` if no object like the panel was found.
     pub fit: Option<Fit>,
-    /// Every number that was judged; empty if nothing was found.
+    /// Every check of the fit; empty if no panel was found.
     pub checks: Vec<Check>,
     /// The verdict.
     pub judgement: Judgement,
@@ -25,14 +25,14 @@ pub struct LocateOutcome<'a> {
     prepared: Option<PreparedScan<'a>>,
 }
 
-/// Finds the taught panel in a scan and judges the result. A panel that is not found gives a verdict, not an error. The
-/// panel's model must have been created for the range errors of this view.
+/// Locates the taught panel in a scan and checks the result. A panel that is not found gives a verdict, not an error.
+/// The panel's model must have been created for the range errors of this view.
 pub fn locate<'a>(
     (panel, model): (&'a TaughtPanel, &'a Result<TaughtModel, LocateError>),
     view: ScanView<'a>,
     recipe: &'a Recipe,
 ) -> LocateOutcome<'a> {
-    // The steps after this one use only depths and the lens's rays, so a scan of another lens or in another frame would
+    // The following steps use only depths and the rays of the lens, so a scan of another lens or in another frame would
     // give a wrong pose without an error.
     if let Err(error) = files::check_lens(view.scan, view.camera) {
         let judgement = Judgement::new(vec![Reason::new("other_scan", error.to_string())], vec![]);
@@ -54,7 +54,7 @@ impl LocateOutcome<'_> {
         self.view.range
     }
 
-    /// Returns the pose of the drawing's frame in the base frame, if the panel was found and was taught from its
+    /// Returns the pose of the drawing's frame in the base frame, if the panel was located and was taught from its
     /// drawing.
     pub fn base_from_drawing(&self) -> Option<KukaPose> {
         // The frame of a panel that was taught from its drawing is the frame of the drawing.
@@ -62,8 +62,9 @@ impl LocateOutcome<'_> {
         Some(KukaPose::from_rigid(&fit.base_from_panel))
     }
 
-    /// Returns the obstacles that the arm avoids on its way to a corner: the panel at its found pose, and the other
-    /// points of the scan. `None` if the localization is rejected, because then the arm does not move to the panel.
+    /// Returns the obstacles that the arm must avoid on its way to a corner: the panel at its located pose, and the
+    /// other points of the scan. `None` if the localization is rejected, because then the arm does not move to the
+    /// panel.
     pub fn obstacles(&self) -> Option<Obstacles> {
         let fit = self.fit.as_ref().filter(|_| self.judgement.verdict != Verdict::Reject)?;
         let of_panel = self.panel.points().map(|(_, point)| fit.base_from_panel * point);
@@ -71,15 +72,16 @@ impl LocateOutcome<'_> {
         Some(Obstacles::default().with_points_of("panel", of_panel).with_points_of("the scan's points", of_scan))
     }
 
-    /// Draws the taught outline and grids at the found pose over the scan's picture; `None` if no panel was found.
+    /// Draws the taught outline and grids at the located pose over the picture of the scan; `None` if no panel was
+    /// found.
     pub fn draw_placement(&self, picture: &ColorPicture) -> Option<ResultDrawing> {
         let camera_from_panel = self.view.base_from_camera.inverse() * self.fit.as_ref()?.base_from_panel;
         let view = report::PanelOverlay { picture, camera: self.view.camera, camera_from_panel };
-        let caption = "Scan picture with the taught outline and grids at the found pose";
+        let caption = "Picture of the scan with the taught outline and grids at the located pose";
         Some(ResultDrawing::new("located", caption, view.located(self.panel)))
     }
 
-    /// Draws a picture of the scan for each reason of the verdict, except for reasons that a scan cannot show.
+    /// Draws a picture of the scan for each reason of the verdict, except for reasons that are not visible in a scan.
     pub fn draw_reasons(&self, picture: &ColorPicture) -> Vec<ResultDrawing> {
         let Some(prepared) = self.prepared.as_ref().filter(|_| !self.judgement.reasons.is_empty()) else {
             return Vec::new();

@@ -1,15 +1,15 @@
 //! The phases of a cycle, each implemented once: a function from inputs to a result of checks, drawings and data.
 //!
-//! A command that reads its inputs from files calls the same function as the live loop that has just taken a picture. A
-//! stage has no access to camera, robot, store or clock: the caller takes the picture, calls the stage, measures its
+//! A command that reads its inputs from files calls the same function as the live loop with a newly captured picture. A
+//! stage has no access to camera, robot, store or clock: the caller captures the picture, calls the stage, measures its
 //! duration, records the result, and answers the cycle's state machine.
 //!
-//! - `locate`: the panel's pose, by the 3D scan · `corners`: the correction by corner pictures, and the verification
+//! - `locate`: the panel's pose, from the 3D scan · `corners`: the correction by corner pictures, and the verification
 //!   before contact · `film`: the water-break test on the pictures of a film
 //! - `survey`: the surface with its profile and flatness, and the part of the surface that the arm reaches · `treat`:
-//!   the places to abrade after a film · `plan`: the path over them · `abrade`: the executed path · `removal`: the
+//!   the places to sand after a film · `plan`: the path over them · `abrade`: the executed path · `removal`: the
 //!   removal by the path
-//! - `learn`: panel and corners, learnt from the pictures and scans of a teaching
+//! - `learn`: panel and corners, taught from pictures and scans
 
 pub mod abrade;
 pub mod corners;
@@ -28,7 +28,8 @@ use panelprep_cell::imaging::ImagingError;
 use panelprep_cell::panel::GridId;
 use panelprep_cell::record::{Finding, Kind};
 
-/// A picture that explains a result to a person, or the error that prevented it. No decision depends on the picture.
+/// A picture that explains a result to a person, or the error that prevented the picture. No decision depends on the
+/// picture.
 #[derive(Debug)]
 pub struct ResultDrawing {
     /// The picture's short name, for example `corner_before`.
@@ -51,18 +52,18 @@ impl From<ReasonPicture> for ResultDrawing {
     }
 }
 
-/// Returns the finding of a phase that ended in a rejection for this reason before it measured anything.
+/// Returns the finding of a phase that was rejected for this reason before it measured anything.
 pub fn rejected(kind: Kind, pass: u8, reason: Reason) -> Finding {
     Finding::new(kind, pass, Judgement::new(vec![reason], vec![]))
 }
 
-/// Returns the finding of a phase that could not be executed for this reason: a fault of the cell, which a person
-/// examines. It states nothing about the panel.
+/// Returns the finding of a phase that could not be executed for this reason. This is a fault of the cell, which a
+/// person examines; it is no result about the panel.
 pub fn not_executed_finding(kind: Kind, pass: u8, reason: Reason) -> Finding {
     Finding::new(kind, pass, Judgement::new(vec![], vec![reason]))
 }
 
-/// Returns the finding of a phase that ended in a rejection by this check.
+/// Returns the finding of a phase that was rejected by this check.
 pub fn rejected_finding(kind: Kind, pass: u8, check: Check) -> Finding {
     Finding::new(kind, pass, Judgement::from_checks([&check])).with_checks([check])
 }

@@ -1,5 +1,5 @@
-//! The path over some places: planned on the surface, followed by the arm with the best rotation of the tool about its
-//! axis, and judged by every gate.
+//! The path over the areas to sand: planned on the surface, followed by the arm with the best rotation of the tool
+//! about its axis, and checked.
 
 use super::removal::{self, EarlierRemoval, PathRemovalTotal, RemovalInputs};
 use super::survey::ToolState;
@@ -23,7 +23,7 @@ use panelprep_toolpath::surface::{Fit, Parameter, ParameterPatch, Treated};
 /// Number of points on each side of the drawn border of an area.
 const POINTS_PER_SIDE: usize = 8;
 
-/// The arm's pose from which it begins to follow a plan, as far as this pose is known.
+/// The pose from which the arm begins to follow a plan, if it is known.
 #[derive(Debug)]
 pub enum ReachStart<'a> {
     /// The arm's tool is not known, so the reach is not checked.
@@ -34,16 +34,16 @@ pub enum ReachStart<'a> {
     Refused(Reason),
 }
 
-/// A plan with the verdict of every gate.
+/// A plan with the verdict of all its checks.
 #[derive(Debug, Clone)]
 pub struct PlanOutcome {
     /// The paths in the panel's frame, with the rotation of the tool that the arm follows best.
     pub plan: Plan,
-    /// How the arm follows the paths; `None` if it cannot follow them, or if this was not checked.
+    /// The motion of the arm along the paths; `None` if the arm cannot follow them, or if this was not checked.
     pub reached: Option<ReachablePlan>,
     /// Wear of the disc by the path.
     pub disc: DiscWearPlan,
-    /// The removal over all passes of the part; `None` if the recipe does not ask for it, or if it is not known.
+    /// The removal over all passes on the part; `None` if the recipe does not require a removal, or if it is not known.
     pub removed: Option<PathRemovalTotal>,
     /// Every judged number.
     pub checks: Vec<Check>,
@@ -51,10 +51,10 @@ pub struct PlanOutcome {
     pub judgement: Judgement,
 }
 
-/// Plans paths over these places of a fitted surface, with the feeds for the removal that the recipe demands.
+/// Plans paths over these areas of a fitted surface, with the feeds for the removal that the recipe requires.
 ///
 /// # Errors
-/// If the surface allows no path.
+/// If no path is possible on the surface.
 pub fn lay_paths(
     (panel, fit): (&TaughtPanel, &Fit),
     treated: &Treated,
@@ -69,12 +69,12 @@ pub fn lay_paths(
     Ok(abrasive.schedule_feeds(plan))
 }
 
-/// Plans paths over areas around breaks, if they put less surface under the disc and also take less time than paths
-/// over the failed grids as a whole; otherwise plans the whole grids. Many small areas need more motions through the
-/// air and lower feeds. The plan contains the costs of both.
+/// Plans paths over areas around water breaks, if these paths sand less surface in less time than paths over the
+/// complete failed grids; otherwise over the complete grids. Many small areas need more motions through the air and
+/// lower feeds. The plan contains the costs of both.
 ///
 /// # Errors
-/// If the surface allows no path.
+/// If no path is possible on the surface.
 pub fn lay_lesser_paths(
     on: (&TaughtPanel, &Fit),
     (treated, failed): (&Treated, &[GridId]),
@@ -88,7 +88,7 @@ pub fn lay_lesser_paths(
     let whole = lay_paths(on, &treated.as_whole_grids(&panel.region, failed), with);
     let all: Vec<GridId> = panel.region.ids().collect();
     let cost = |plan: &Plan| {
-        // The simulation contains all grids, because the disc also overlaps grids that are not treated.
+        // The simulation contains all grids, because the disc also overlaps grids that are not planned.
         let dwell = dwell::simulate(&fit.surface, &panel.region, &all, &dwell::timed_poses(plan), radius_mm);
         TreatmentCost { under_disc_mm2: dwell.under_disc_mm2(), duration_s: plan.duration_s }
     };
@@ -98,7 +98,7 @@ pub fn lay_lesser_paths(
     Ok(Plan { costs: Some(costs), ..chosen? })
 }
 
-/// Computes how the arm follows a plan, and judges the plan.
+/// Computes how the arm follows a plan, and checks the plan.
 pub fn judge(
     plan: Plan,
     (panel, fit): (&TaughtPanel, &Fit),
@@ -123,7 +123,7 @@ pub fn judge(
     let (of_path, path_judgement) = path_checks(&plan, recipe, removed.is_some());
     let of_removal = removed.as_ref().map_or_else(Vec::new, |removed| removed.checks.clone());
     let of_contact = |check: Check| tool.contact_check(check);
-    let of_removal = of_removal.into_iter().chain(removal::unknown(recipe, tool)).map(of_contact);
+    let of_removal = of_removal.into_iter().chain(removal::unknown_removal_check(recipe, tool)).map(of_contact);
     let of_removal: Vec<Check> = of_removal.collect();
     let pad = check_pad(settings, tool.error_mm).map(of_contact);
     let worn = of_contact(disc.check_wear("worn of the disc afterwards", "this path"));
@@ -147,19 +147,19 @@ pub fn judge(
 }
 
 impl PlanOutcome {
-    /// Adds the checks of the gate before the motion, at the panel's pose: box, step lengths, rotations and tilt.
+    /// Adds the checks before the motion, at the panel's pose: box, step lengths, rotations and tilt.
     #[must_use]
-    pub fn gated_in_base(mut self, panel: path::PanelPoses, limits: &Limits) -> Self {
+    pub fn with_base_checks(mut self, panel: path::PanelPoses, limits: &Limits) -> Self {
         let broken = path::violated_in_base(&self.plan, panel, &WaypointLimits::from(limits));
         self.judgement = Judgement::from_checks(&broken).combined_with(self.judgement);
         self.checks.extend(broken);
         self
     }
 
-    /// Adds the check of the places of the breaks, if areas around breaks are planned: `located_mm` is the uncertainty
-    /// of the panel's pose, 95 %.
+    /// If areas around water breaks are planned, adds the check of the position uncertainty of the breaks. `located_mm`
+    /// is the uncertainty of the panel's pose, 95 %.
     #[must_use]
-    pub fn with_breaks(mut self, located_mm: Option<f64>, recipe: &Recipe) -> Self {
+    pub fn with_break_position_check(mut self, located_mm: Option<f64>, recipe: &Recipe) -> Self {
         if let Some(check) = treat::checks(&self.plan.treated, located_mm, recipe) {
             self.judgement = Judgement::from_checks([&check]).combined_with(self.judgement);
             self.checks.push(check);
@@ -184,7 +184,7 @@ impl PlanOutcome {
         )
     }
 
-    /// Draws the path's removal, if it is known.
+    /// Draws the removal of the path, if it is known.
     pub fn draw_removal(&self, panel: &TaughtPanel) -> Option<ResultDrawing> {
         let caption = "Depth that this path and earlier passes on this part remove, µm";
         self.removed.as_ref().map(|removed| removed.draw_map(panel, ("removal_planned", caption)))
@@ -201,7 +201,7 @@ impl PlanOutcome {
         if self.plan.treated.areas().is_none() {
             return finding;
         }
-        // An area may extend into grids that did not fail: these are abraded as well, and the abrasion counts for them.
+        // An area may extend into grids that did not fail: these are sanded as well, and the pass is counted for them.
         let beside = self.plan.treated.grids().iter().copied().filter(|id| !grids.contains(id));
         let beside: Vec<GridId> = beside.collect();
         let mm2 = Check::new(name::AROUND_BREAKS, "mm²", self.plan.treated_mm2());
@@ -214,13 +214,13 @@ impl PlanOutcome {
     }
 }
 
-/// Describes the costs of both treatments, and the choice that follows from them.
+/// Describes the costs of both treatments, and the resulting choice.
 pub fn costs_text(costs: &TreatmentCosts) -> Vec<String> {
     let [around, whole] = match (costs.around_breaks, costs.whole_grids) {
         (Some(around), Some(whole)) => {
             let mm2 = distinguishable_texts(around.under_disc_mm2, whole.under_disc_mm2, 0);
             let s = distinguishable_texts(around.duration_s, whole.duration_s, 0);
-            [0, 1].map(|way| format!("{} mm² under the disc, {} s", mm2[way], s[way]))
+            [0, 1].map(|way| format!("{} mm² sanded, {} s", mm2[way], s[way]))
         }
         (around, whole) => [around, whole].map(|cost| if cost.is_some() { "a path" } else { "no path" }.to_owned()),
     };
@@ -234,7 +234,7 @@ fn areas_text(plan: &Plan) -> Vec<String> {
     plan.paths.iter().map(text).collect()
 }
 
-/// Returns the border of an area on the panel; points at which the panel's surface is not known are left out.
+/// Returns the border of an area on the panel; points at which the panel's surface is not known are omitted.
 fn area_border(panel: &TaughtPanel, area: &ParameterPatch) -> Vec<Point<Panel>> {
     let corners = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)];
     let side = |side: usize| {
@@ -248,8 +248,8 @@ fn area_border(panel: &TaughtPanel, area: &ParameterPatch) -> Vec<Point<Panel>> 
     (0..4).flat_map(side).filter_map(|share| panel.surface_point_at(pixel(area.parameter_at(share)))).collect()
 }
 
-/// Returns every check of the path. If the feeds are scheduled for the removal, the evenness of the removal counts, not
-/// the evenness of the times.
+/// Returns all checks of the path. If the feeds are scheduled for the removal, the uniformity of the removal is checked
+/// instead of the uniformity of the dwell times.
 fn path_checks(plan: &Plan, recipe: &Recipe, is_known: bool) -> (Vec<Check>, Judgement) {
     let (checks, judgement) = path::judge_plan(plan, recipe.path());
     let scheduled = recipe.removal().is_some_and(|asked| asked.method() == RemovalMethod::Scheduled);
@@ -262,7 +262,7 @@ fn path_checks(plan: &Plan, recipe: &Recipe, is_known: bool) -> (Vec<Check>, Jud
     (checks, judgement)
 }
 
-/// Returns the numbers that describe the size of the plan.
+/// Returns the values that describe the size of the plan.
 fn size_checks(plan: &Plan) -> [Check; 4] {
     let waypoints: usize = plan.paths.iter().map(|path| path.waypoints.len()).sum();
     [
@@ -279,10 +279,12 @@ mod tests {
     use panelprep_toolpath::surface::examine_fit;
     use panelprep_toolpath::surface::scene::{ScanDefects, Shape, recipe, taught};
 
-    /// The scene's grids are 57 mm wide. By hand: the path stays 3 mm inside of an area of 45 mm, and the disc's radius
-    /// is 15 mm. So the disc covers (39 + 30)² mm² with round corners, 4761 − 193 = 4568 mm²; on the grid it covers
-    /// (51 + 30)² − 193 = 6368 mm². An area of 70 mm costs more than the grid, so the grid is planned, and only the
-    /// break in the grid counts, not the other one.
+    /// Expected areas, calculated by hand: the scene's grids are 57 mm wide. The path stays 3 mm inside of an area of
+    /// 45 mm, and the disc's radius is 15 mm. The disc therefore covers (39 + 30)² mm² with round corners, 4761 − 193 =
+    /// 4568 mm². On the complete grid it covers (51 + 30)² − 193 = 6368 mm².
+    ///
+    /// An area of 70 mm costs more than the grid, so the grid is planned. Only the break in the grid is used, not the
+    /// other one.
     #[test]
     fn areas_with_higher_costs_than_whole_grids_are_not_planned() {
         let recipe = recipe(Shape::Plane, "[treat]\nby = \"break\"\n");

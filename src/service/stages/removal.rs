@@ -1,8 +1,8 @@
-//! The removal of a path, as planned and as executed, with its checks against the limits of the recipe; and the feeds
-//! for the removal that the recipe demands.
+//! The planned and the executed removal of a path, with its checks against the limits of the recipe; and the feeds for
+//! the removal that the recipe requires.
 //!
-//! Recipe and controller limit the feed of each move. If these limits change the scheduled feeds, the shares of the
-//! path at each limit explain why the removal is uneven.
+//! Recipe and controller limit the feed of each move. If these limits change the scheduled feeds, the fractions of the
+//! path at each limit explain why the removal is not uniform.
 
 use super::ResultDrawing;
 use super::survey::ToolState;
@@ -26,22 +26,23 @@ use serde::{Deserialize, Serialize};
 
 /// Distance between the samples of a map, in radii of the disc.
 const SAMPLE_SPACING_RADII: f64 = 0.1;
-/// Smallest and largest distance between the samples of a map, mm.
+/// Minimum and maximum distance between the samples of a map, mm.
 const SAMPLE_SPACING_LIMITS_MM: [f64; 2] = [0.5, 1.5];
 
-/// Distance by which the lines of a scheduled path extend beyond the treated area, in radii of the disc.
+/// Distance by which the lines of a scheduled path extend beyond the area to sand, in radii of the disc.
 const OVERRUN_RADII: f64 = 0.4;
 
-/// If more than this share of the path is at a limit of the feed, the limit counts as the cause of uneven removal.
-const MAX_LIMITED_FEED_SHARE: f64 = 0.1;
+/// Maximum fraction of the path at a feed limit; above it, the limit is reported as the cause of a removal that is not
+/// uniform.
+const MAX_LIMITED_FEED_FRACTION: f64 = 0.1;
 
-/// If the mean removal is less than the target by at most this share, no second pass is needed.
-const MEAN_TOLERANCE: f64 = 0.1;
+/// Maximum relative amount by which the mean removal may be less than the target without a second pass.
+const RELATIVE_MEAN_TOLERANCE: f64 = 0.1;
 
-/// Feeds that differ by at most this share are equal.
-const FEED_TOLERANCE: f64 = 1e-3;
+/// Maximum relative difference between two feeds that are treated as equal.
+const RELATIVE_FEED_TOLERANCE: f64 = 1e-3;
 
-/// The inputs of a removal calculation.
+/// The inputs of a removal computation.
 #[derive(Debug, Clone, Copy)]
 pub struct RemovalInputs<'a> {
     /// The taught panel.
@@ -58,14 +59,14 @@ pub struct RemovalInputs<'a> {
     pub earlier_removal: EarlierRemoval,
 }
 
-/// Removal by a path, and the total together with earlier paths on the same part.
+/// The removal by a path, and the total with earlier paths on the same part.
 #[derive(Debug, Clone)]
 pub struct PathRemovalTotal {
     /// Removal at each position, including the earlier paths of this cycle.
     pub map: RemovalMap,
-    /// The numbers of the path, and the largest depths of the part; `None` if the path treats no area.
+    /// The statistics of the path, and the maximum depths of the part; `None` if the path sands no area.
     pub figures: Option<MapFigures>,
-    /// The judged values of the removal.
+    /// The checks of the removal.
     pub checks: Vec<Check>,
     limits_um: [f64; 2],
 }
@@ -73,19 +74,19 @@ pub struct PathRemovalTotal {
 /// Removal by earlier cycles on the same part.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct EarlierRemoval {
-    /// Upper 95 % bound of the largest removal, µm. It is added at every position, because the maps of earlier cycles
-    /// are not kept.
+    /// Upper 95 % bound of the maximum removal, µm. It is added at every position, because the maps of earlier cycles
+    /// are not stored.
     pub bound_um: f64,
-    /// Number of earlier cycles that abraded the part to an unknown depth.
+    /// Number of earlier cycles that sanded the part to an unknown depth.
     pub unknown: usize,
 }
 
-/// Shares of the path in contact on which the feed is at a limit of the recipe, 0…1.
+/// Fractions of the path in contact on which the feed is at a limit of the recipe, 0 to 1.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-struct FeedLimitShares {
-    /// Share of the path at `min_feed_mm_s`.
+struct FeedLimitFractions {
+    /// Fraction of the path at `min_feed_mm_s`.
     lowest: f64,
-    /// Share of the path at `feed_mm_s`.
+    /// Fraction of the path at `feed_mm_s`.
     highest: f64,
 }
 
@@ -95,20 +96,20 @@ impl<'a> RemovalInputs<'a> {
         Some((self.recipe.removal()?, self.recipe.force_n()?, self.tool.removal?))
     }
 
-    /// Returns the same as [`Self::known_inputs`], if the recipe also demands scheduled feeds.
+    /// Returns the result of [`Self::known_inputs`] if the recipe also requires scheduled feeds.
     fn scheduled_inputs(&self) -> Option<(&'a recipe::Removal, f64, Model)> {
         self.known_inputs().filter(|(asked, ..)| asked.method() == RemovalMethod::Scheduled)
     }
 
-    /// Returns the distance by which a plan's lines extend beyond the treated area, mm: feeds alone cannot make the
-    /// removal even up to the border of this area.
+    /// Returns the distance by which a plan's lines extend beyond the area to sand, mm: feeds alone cannot make the
+    /// removal uniform up to the border of this area.
     pub fn overrun_mm(&self) -> f64 {
         let radius_mm = self.recipe.path().disc_diameter_mm() / 2.0;
         self.scheduled_inputs().map_or(0.0, |_| OVERRUN_RADII * radius_mm)
     }
 
-    /// Returns the plan with the feeds that remove the target depth, if the recipe demands them and the model is known;
-    /// otherwise the same plan.
+    /// Returns the plan with the feeds that remove the target depth, if the recipe requires them and the model is
+    /// known; otherwise the unchanged plan.
     #[must_use]
     pub fn schedule_feeds(&self, plan: Plan) -> Plan {
         let Some((asked, force_n, model)) = self.scheduled_inputs() else { return plan };
@@ -132,23 +133,23 @@ impl<'a> RemovalInputs<'a> {
         fed.with_dwell(&times)
     }
 
-    /// Returns the removal by a plan; `None` if the recipe does not demand a removal, or if the model is not known.
+    /// Returns the removal by a plan; `None` if the recipe does not require a removal, or if the model is not known.
     pub fn planned_removal(&self, plan: &Plan) -> Option<PathRemovalTotal> {
         let asked = self.recipe.removal()?;
-        let bounded = FeedLimitShares::compute(&waypoints(plan), asked, self.recipe.path());
+        let bounded = FeedLimitFractions::compute(&waypoints(plan), asked, self.recipe.path());
         self.removed((&plan.treated, &dwell::timed_poses(plan)), bounded)
     }
 
-    /// Returns the removal by these poses on the treated places, with the force that the tool measured, or the recipe's
+    /// Returns the removal by these poses on the sanded areas, with the force that the tool measured, or the recipe's
     /// force if there is no measurement.
     pub fn executed_removal(&self, treated: &Treated, poses: &[ExecutedPose]) -> Option<PathRemovalTotal> {
-        self.removed((treated, poses), FeedLimitShares::default())
+        self.removed((treated, poses), FeedLimitFractions::default())
     }
 
     fn removed(
         &self,
         (treated, poses): (&Treated, &[ExecutedPose]),
-        bounded: FeedLimitShares,
+        bounded: FeedLimitFractions,
     ) -> Option<PathRemovalTotal> {
         let (asked, force_n, model) = self.known_inputs()?;
         let ground = self.panel_ground();
@@ -197,8 +198,8 @@ impl PathRemovalTotal {
         ResultDrawing::new(name, caption, removal_map(&self.map.field(), &panel.region, self.limits_um))
     }
 
-    /// Returns the checks of the executed path. If the path was cut short, only the limit of the depth has a
-    /// consequence, because the missing removal is not a fault of the executed part.
+    /// Returns the checks of the executed path. If the path was interrupted, only the depth limit has a consequence,
+    /// because the missing removal is not a fault of the executed part.
     pub fn executed_checks(&self, is_whole: bool) -> Vec<Check> {
         let reported = |check: &Check| match is_whole || check.name == name::REMOVED_BOUND {
             true => check.clone(),
@@ -211,7 +212,7 @@ impl PathRemovalTotal {
     pub fn describe(&self) -> Vec<String> {
         let [target_um, max_um] = self.limits_um;
         let Some(found) = &self.figures else {
-            return vec!["removal            the path treats no area".to_owned()];
+            return vec!["removal            the path sands no area".to_owned()];
         };
         let [largest, most] = distinguishable_texts(found.largest_bound_um, max_um, 1);
         vec![
@@ -235,15 +236,15 @@ impl PathRemovalTotal {
 }
 
 impl EarlierRemoval {
-    /// Returns the checks of the removal by earlier cycles; empty if there was none.
+    /// Returns the checks of the removal by earlier cycles; empty if no earlier cycle sanded the part.
     fn checks(&self, asked: &recipe::Removal) -> Vec<Check> {
         let before = Check::new("removed in earlier cycles of this part, upper 95 % bound", "µm", self.bound_um);
         let unknown = Check::new("earlier cycles of this part with an unknown depth", "", self.unknown as f64)
             .with_max(0.0, LimitSource::Program)
             .or_review("earlier_unknown", || {
                 format!(
-                    "{} earlier cycles abraded this part to an unknown depth: measure the remaining thickness; in \
-                 total, {} µm may be removed",
+                    "{} earlier cycles sanded this part to an unknown depth: measure the remaining thickness; in \
+                     total, {} µm may be removed",
                     self.unknown,
                     asked.max_um()
                 )
@@ -257,8 +258,8 @@ fn waypoints(plan: &Plan) -> Vec<Waypoint> {
     plan.paths.iter().flat_map(|path| path.waypoints.iter().copied()).collect()
 }
 
-/// Returns a failed check if the recipe demands a removal but the removal model of the disc is not known.
-pub fn unknown(recipe: &Recipe, tool: ToolState) -> Option<Check> {
+/// Returns a failed check if the recipe requires a removal but the removal model of the disc is not known.
+pub fn unknown_removal_check(recipe: &Recipe, tool: ToolState) -> Option<Check> {
     let stated = recipe.removal().filter(|_| tool.removal.is_none())?;
     let check = Check::new(name::REMOVED_BOUND, "µm", None)
         .with_max(stated.max_um(), LimitSource::recipe("removal.max_um"));
@@ -268,12 +269,12 @@ pub fn unknown(recipe: &Recipe, tool: ToolState) -> Option<Check> {
 /// Returns the checks of the removal by a path.
 fn removal_checks(
     figures: Option<&MapFigures>,
-    (asked, bounded): (&recipe::Removal, FeedLimitShares),
+    (asked, bounded): (&recipe::Removal, FeedLimitFractions),
 ) -> Vec<Check> {
     let figure = |number: fn(&MapFigures) -> f64| figures.map(number);
     let (target_um, max_um) = (asked.target_um(), asked.max_um());
     let passes =
-        figure(|found| found.mean_um).map(|mean_um| (target_um / mean_um - MEAN_TOLERANCE).ceil().max(1.0));
+        figure(|found| found.mean_um).map(|mean_um| (target_um / mean_um - RELATIVE_MEAN_TOLERANCE).ceil().max(1.0));
     let (bound_um, within) = (figure(|found| found.largest_bound_um), figure(|found| found.within_percent));
     vec![
         Check::new(name::REMOVED_MEAN, "µm", figure(|found| found.mean_um)),
@@ -311,14 +312,14 @@ fn removal_checks(
                 format!(
                     "95 % of the treated area is expected within {found} % of the target depth (limit {allowed} %, \
                      even_percent); {}",
-                    evenness_advice(asked, bounded)
+                    uniformity_advice(asked, bounded)
                 )
             },
         ),
     ]
 }
 
-/// Checks whether the force lies in the range that the coupons of the removal model cover.
+/// Checks whether the force is in the range that the coupons of the removal model cover.
 fn force_check(force_n: f64, model: &Model) -> Check {
     let holds = model.valid_force_range_n();
     let is_beyond = holds.is_none_or(|[least_n, most_n]| !(least_n..=most_n).contains(&force_n));
@@ -346,28 +347,28 @@ fn force_check(force_n: f64, model: &Model) -> Check {
     })
 }
 
-/// Returns advice for a more even removal.
-fn evenness_advice(asked: &recipe::Removal, bounded: FeedLimitShares) -> String {
+/// Returns advice for a more uniform removal.
+fn uniformity_advice(asked: &recipe::Removal, bounded: FeedLimitFractions) -> String {
     let percent = |share: f64| fixed_decimals(100.0 * share, 0);
     match asked.method() {
-        RemovalMethod::Constant => "set method = \"scheduled\" for a more even removal".to_owned(),
-        RemovalMethod::Scheduled if bounded.highest > MAX_LIMITED_FEED_SHARE => format!(
+        RemovalMethod::Constant => "set method = \"scheduled\" for a more uniform removal".to_owned(),
+        RemovalMethod::Scheduled if bounded.highest > MAX_LIMITED_FEED_FRACTION => format!(
             "{} % of the path in contact already has the highest feed: raise feed_mm_s or lower force_n for a more \
-             even removal",
+             uniform removal",
             percent(bounded.highest)
         ),
-        RemovalMethod::Scheduled if bounded.lowest > MAX_LIMITED_FEED_SHARE => format!(
+        RemovalMethod::Scheduled if bounded.lowest > MAX_LIMITED_FEED_FRACTION => format!(
             "{} % of the path in contact already has the lowest feed: lower min_feed_mm_s or raise force_n for a \
-             more even removal",
+             more uniform removal",
             percent(bounded.lowest)
         ),
         RemovalMethod::Scheduled => {
-            "use a smaller step_over_mm or a larger disc for a more even removal".to_owned()
+            "use a smaller step_over_mm or a larger disc for a more uniform removal".to_owned()
         }
     }
 }
 
-/// Returns the moves in contact, each with the lowest and the highest feed that recipe and controller allow.
+/// Returns the moves in contact, each with the minimum and the maximum feed that recipe and controller permit.
 pub fn contact_moves(all: &[Waypoint], asked: &recipe::Removal, settings: &recipe::Path) -> Vec<Move> {
     let planning_s = settings.planning_time_ms() / 1_000.0;
     let pairs = all.windows(2).enumerate().filter(|(_, pair)| pair[0].contact && pair[1].contact);
@@ -380,9 +381,9 @@ pub fn contact_moves(all: &[Waypoint], asked: &recipe::Removal, settings: &recip
         .collect()
 }
 
-impl FeedLimitShares {
-    /// Computes the shares from a plan's waypoints. A move that is so short that the controller limits its feed counts
-    /// for neither share, because the recipe does not set its highest feed.
+impl FeedLimitFractions {
+    /// Computes the fractions from a plan's waypoints. A move that is so short that the controller limits its feed is
+    /// counted for neither fraction, because the recipe does not set its maximum feed.
     fn compute(all: &[Waypoint], asked: &recipe::Removal, settings: &recipe::Path) -> Self {
         let moves = contact_moves(all, asked, settings);
         let way_mm: f64 = moves.iter().map(|own| own.length_mm).sum();
@@ -390,9 +391,9 @@ impl FeedLimitShares {
             let at = moves.iter().filter(|own| is_at(all[own.pose].feed_mm_s));
             at.map(|own| own.length_mm).sum::<f64>() / way_mm.max(f64::MIN_POSITIVE)
         };
-        FeedLimitShares {
-            lowest: share(&|feed_mm_s| feed_mm_s <= asked.min_feed_mm_s() * (1.0 + FEED_TOLERANCE)),
-            highest: share(&|feed_mm_s| feed_mm_s >= settings.feed_mm_s() * (1.0 - FEED_TOLERANCE)),
+        FeedLimitFractions {
+            lowest: share(&|feed_mm_s| feed_mm_s <= asked.min_feed_mm_s() * (1.0 + RELATIVE_FEED_TOLERANCE)),
+            highest: share(&|feed_mm_s| feed_mm_s >= settings.feed_mm_s() * (1.0 - RELATIVE_FEED_TOLERANCE)),
         }
     }
 }

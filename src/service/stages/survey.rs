@@ -1,5 +1,5 @@
-//! The surface of the region, and the part of it that the arm reaches at the panel's pose: both are known before any
-//! water runs.
+//! The surface of the region, and the part of it that the arm reaches at the panel's pose. Both are determined before
+//! the panel is wetted.
 //!
 //! Today's form is checked against the recipe: profile of the surface and flatness, with their uncertainties.
 
@@ -19,12 +19,12 @@ use panelprep_toolpath::surface::{
     self, Deviation, DeviationMap, Fit, Flatness, Form, Measured, TodaysScan, TodaysSurfaceFit,
 };
 
-/// Facts about the tool that the path does not contain: its error, its disc's wear and removal model, and its stroke.
+/// Properties of the tool that the path does not contain: its error, its disc's wear and removal model, and its stroke.
 #[derive(Debug, Clone, Copy)]
 pub struct ToolState {
-    /// `[limits] tool_error_mm` of the cell.
+    /// `[limits] tool_error_mm` of the cell's file.
     pub error_mm: Option<f64>,
-    /// Area that the disc in use has swept, mm².
+    /// Area that the present disc has swept, mm².
     pub worn_mm2: f64,
     /// The disc's removal model, if it is calibrated.
     pub removal: Option<Model>,
@@ -51,13 +51,13 @@ impl ToolState {
 /// The part of a panel that the arm reaches, grid by grid.
 #[derive(Debug)]
 pub struct RegionSurvey {
-    /// Every grid; empty if the arm does not reach the panel, or the surface allows no path.
+    /// All grids; empty if the arm does not reach the panel, or no path is possible on the surface.
     pub grids: Vec<GridReach>,
-    /// Checks of grids that the arm does not reach, and of steps that are too large.
+    /// Failed checks of grids that the arm does not reach, and of steps that are too large.
     violations: Vec<Check>,
-    /// Checks of the tool's suitability.
+    /// Checks whether the tool is suitable for the path.
     tool_checks: Vec<Check>,
-    /// Checks of the surface's difference from the taught surface.
+    /// Checks of the difference between today's surface and the taught surface.
     todays_checks: Vec<Check>,
     /// The verdict.
     pub judgement: Judgement,
@@ -97,7 +97,7 @@ pub fn survey_grids(
     }
 }
 
-/// Checks whether the disc lasts for the largest grid: otherwise it is changed before the panel is wet.
+/// Checks whether the disc lasts for the largest grid, so that it is changed before the panel is wetted.
 fn check_disc(grids: &[GridReach], settings: &recipe::Path, tool: ToolState) -> Check {
     let largest_mm2 = grids.iter().map(|grid| grid.swept_mm2).fold(0.0, f64::max);
     let (worn_after_mm2, life_mm2) = (tool.worn_mm2 + largest_mm2, settings.disc_life_mm2());
@@ -105,7 +105,7 @@ fn check_disc(grids: &[GridReach], settings: &recipe::Path, tool: ToolState) -> 
         .check_wear(name::WORN_BY_A_GRID, "one grid")
 }
 
-/// The surface of the panel as it is today, and the results about it.
+/// The surface of the panel in today's scan, and its checks.
 #[derive(Debug)]
 pub struct TodaysSurface {
     /// The surface on which paths are planned.
@@ -120,7 +120,7 @@ pub struct TodaysSurface {
 }
 
 /// Corrects the taught surface by the scan in which the panel was located. The surface of the thesis's method is only
-/// compared with the scan and is not corrected: the panel's deviation from it counts as an error of the surface.
+/// compared with the scan and is not corrected: the panel's deviation from it is treated as an error of the surface.
 pub fn correct_by_scan(
     (panel, taught): (&TaughtPanel, &Fit),
     scan: &TodaysScan,
@@ -153,7 +153,7 @@ pub fn correct_by_scan(
     }
 }
 
-/// Returns the caption of the deviation map, with its uncertainty if it is known.
+/// Returns the caption of the deviation map, with the uncertainty if it is known.
 fn map_caption(reference: TaughtSource, form: Option<&Form>) -> String {
     let uncertainty = match form {
         Some(form) => format!("uncertainty (95 %) up to {} mm", fixed_decimals(form.largest_uncertainty_mm(), 2)),
@@ -163,7 +163,7 @@ fn map_caption(reference: TaughtSource, form: Option<&Form>) -> String {
     format!("Distance of today's panel surface in front of or behind {other}; {uncertainty}")
 }
 
-/// Returns the name of the check of the deviation; the name states from which reference the surface deviates.
+/// Returns the name of the check of the deviation, which names the reference surface.
 fn deviation_name(reference: TaughtSource) -> &'static str {
     match reference {
         TaughtSource::Scan => name::DEVIATION,
@@ -222,13 +222,13 @@ fn deviation_checks(todays: &TodaysSurfaceFit, reference: TaughtSource, limits: 
     ]
 }
 
-/// Draws the deviation of the taught scan from the surface, pixel by pixel.
+/// Draws the deviation of the taught scan from the fitted surface, pixel by pixel.
 pub fn draw_surface(map: &DeviationMap) -> ResultDrawing {
-    ResultDrawing::new("surface", "The region's scan compared with the fitted surface", surface_map(map))
+    ResultDrawing::new("surface", "Scan of the region compared with the fitted surface", surface_map(map))
 }
 
 impl RegionSurvey {
-    /// Returns the same survey with the checks of today's surface.
+    /// Returns this survey with the checks of today's surface.
     pub fn with_todays_checks(mut self, checks: Vec<Check>) -> Self {
         self.judgement = self.judgement.combined_with(Judgement::from_checks(&checks));
         self.todays_checks = checks;
@@ -270,10 +270,10 @@ fn surface_checks(deviation: &Deviation, recipe: &Recipe) -> [Check; 5] {
     ]
 }
 
-/// A measured figure of form, with the texts of its check.
+/// A measured form value (profile or flatness), with the texts of its check.
 struct FormFigure<'a> {
     name: &'static str,
-    /// The figure as the subject of a sentence.
+    /// The form value as the subject of a sentence.
     subject: String,
     code: &'static str,
     measured: &'a Measured,
@@ -281,7 +281,7 @@ struct FormFigure<'a> {
     set_by: LimitSource,
 }
 
-/// Returns the checks of a form; `form` is `None` if today's scan does not show it.
+/// Returns the checks of a form; `form` is `None` if today's scan does not show the form.
 fn form_checks(form: Option<&Form>, reference: TaughtSource, limits: &recipe::Surface) -> Vec<Check> {
     let is_limited = limits.max_profile_mm().is_some() || limits.max_flatness_mm().is_some();
     let Some(form) = form else {
@@ -307,11 +307,11 @@ fn form_checks(form: Option<&Form>, reference: TaughtSource, limits: &recipe::Su
         Check::new(name::PROFILE_BEHIND, "mm", form.behind.value_mm),
     ];
     checks.extend(flatness_checks(form.flatness.as_ref(), limits.max_flatness_mm()));
-    checks.push(seen_check(form.seen_percent, is_limited, limits));
+    checks.push(visible_fraction_check(form.seen_percent, is_limited, limits));
     checks
 }
 
-/// Returns the name of the check of the profile; the name states to which reference the profile is relative.
+/// Returns the name of the check of the profile, which names the reference surface.
 fn profile_name(reference: TaughtSource) -> &'static str {
     match reference {
         TaughtSource::Scan => name::PROFILE,
@@ -324,7 +324,8 @@ fn flatness_checks(flatness: Option<&Flatness>, limit_mm: Option<f64>) -> Vec<Ch
     let Some(flat) = flatness else {
         let unknown = Check::new(name::FLATNESS, "mm", None);
         let unknown = unknown.with_consequence_if(limit_mm.is_some(), Severity::Review, "form_hidden", || {
-            "the seen part of the region is a line, which determines no flatness: remove what hides the region, then locate again"
+            "the visible part of the region is a line, from which no flatness can be determined: remove what hides \
+             the region, then locate again"
                 .to_owned()
         });
         return vec![unknown];
@@ -353,8 +354,8 @@ fn flatness_checks(flatness: Option<&Flatness>, limit_mm: Option<f64>) -> Vec<Ch
     ]
 }
 
-/// Checks the share of the region to which the figures apply.
-fn seen_check(seen_percent: f64, is_limited: bool, limits: &recipe::Surface) -> Check {
+/// Checks the fraction of the region in which the form was measured.
+fn visible_fraction_check(seen_percent: f64, is_limited: bool, limits: &recipe::Surface) -> Check {
     let least_percent = 100.0 - limits.max_missing_percent();
     let seen = Check::new("region in which the form was measured", "%", seen_percent);
     if !is_limited {
@@ -370,8 +371,7 @@ fn seen_check(seen_percent: f64, is_limited: bool, limits: &recipe::Surface) -> 
 }
 
 impl FormFigure<'_> {
-    /// Checks the figure against its limit. A value is good only if it is within the limit together with its
-    /// uncertainty.
+    /// Checks the form value against its limit. It passes only if it is within the limit together with its uncertainty.
     fn check(&self) -> Check {
         let Measured { value_mm, uncertainty_mm } = *self.measured;
         let number = Check::new(self.name, "mm", value_mm);
@@ -385,11 +385,12 @@ impl FormFigure<'_> {
             let remedy = match (is_beyond, self.measured.is_beyond_with_uncertainty(limit_mm)) {
                 (true, true) => "look at the deviation map; rework the panel, or accept it if this form is permitted",
                 (true, false) => {
-                    "the uncertainty includes the limit: look at the deviation map, and measure the panel by other means"
+                    "the limit is within the uncertainty: look at the deviation map, and measure the panel by other \
+                     means"
                 }
                 (false, _) => {
-                    "the uncertainty includes the limit, so it is not proven that the limit is kept: measure the panel by \
-                     other means, or the 3D camera's errors by calibrate scanner"
+                    "the limit is within the uncertainty, so it is not proven that the limit is kept: measure the \
+                     panel by other means, or the 3D camera's errors by calibrate scanner"
                 }
             };
             format!("{subject} is {value} mm, uncertainty {uncertainty} mm (limit {limit} mm): {remedy}")
@@ -432,7 +433,8 @@ mod tests {
         (judgement.verdict, judgement.reasons.into_iter().map(|reason| reason.code.into_owned()).collect())
     }
 
-    /// By hand: 0.8 mm + 0.2 mm is within a limit of 1.0 mm, but not within 0.99 mm; 0.8 mm alone is within both.
+    /// Expected results, by hand: 0.8 mm + 0.2 mm is within a limit of 1.0 mm, but not within 0.99 mm; 0.8 mm alone is
+    /// within both.
     #[test]
     fn a_form_is_accepted_only_with_its_uncertainty() {
         let good = form(measured(0.8, 0.2), measured(0.3, 0.1), 0.0, 100.0);

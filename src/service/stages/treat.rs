@@ -1,4 +1,4 @@
-//! The places that are abraded after a film: the grids that failed, or areas around their breaks (`[treat]` in the
+//! The areas that are sanded after a film: the failed grids, or areas around their water breaks (`[treat]` in the
 //! recipe).
 
 use panelprep_base::geometry::Mask;
@@ -11,29 +11,30 @@ use panelprep_toolpath::path::breaks::{Breaks, Distances, around_breaks};
 use panelprep_toolpath::surface::{Fit, Treated};
 use panelprep_vision::inspect::{GridInspection, Inspection};
 
-/// If the places of the breaks are known for less than this share of a grid's broken surface, the grid is treated as a
-/// whole.
-const MIN_LOCATED_SHARE: f64 = 0.99;
+/// Minimum located fraction of a grid's broken surface; if the positions of the breaks are known for less, the whole
+/// grid is sanded.
+const MIN_LOCATED_FRACTION: f64 = 0.99;
 /// Distance by which the disc reaches beyond an area, in radii of the disc.
 const REACH_RADII: f64 = 0.8;
-/// Two areas may be joined if the gap between them is smaller than this, in radii of the disc: the disc reaches beyond
-/// each area, so that it would treat most of the gap twice.
+/// Maximum gap between two areas that may be joined, in radii of the disc: the disc reaches beyond each area, so that
+/// it would sand most of the gap twice.
 const MAX_JOINED_GAP_RADII: f64 = 1.0;
-/// Shortest side of an area, in radii of the disc. With 2.3 radii, the ratio of the longest to the shortest time under
-/// the disc is 2.1, more than the default `max_dwell_ratio`; with 2.9 radii it is less than the default.
+/// Minimum side of an area, in radii of the disc. With 2.3 radii, the ratio of the longest to the shortest dwell time
+/// is 2.1, more than the default `max_dwell_ratio`; with 2.9 radii it is less than the default.
 const MIN_SIDE_RADII: f64 = 3.0;
 
-/// The result of a film, as far as it determines what is abraded.
+/// The broken surface of a film, which determines the areas to sand.
 #[derive(Debug, Clone)]
 pub struct Broken {
     /// Pixels of the taught picture on which the film broke.
     pub places: Mask,
-    /// For each grid two areas, mm²: the surface of these pixels, and the broken surface by which the grid was judged.
+    /// For each grid two areas, mm²: the surface of these pixels, and the broken surface by which the grid was
+    /// evaluated.
     pub located_mm2: Vec<(GridId, [f64; 2])>,
 }
 
 impl Broken {
-    /// Creates this from the inspection of a film.
+    /// Computes the broken surface from the inspection of a film.
     pub fn from_film(film: &Inspection) -> Self {
         let located_mm2 = film.footprint.broken_mm2(&film.mask());
         let of_grid = |(grid, located_mm2): (&GridInspection, f64)| (grid.id, [located_mm2, grid.broken_mm2]);
@@ -43,18 +44,18 @@ impl Broken {
         }
     }
 
-    /// Returns the failed grids for whose breaks the places are not known well enough to plan areas around them.
+    /// Returns the failed grids whose break positions are not known well enough to plan areas around them.
     fn not_located(&self, failed: &[GridId]) -> Vec<GridId> {
         let is_located = |id: &GridId| {
             let known = self.located_mm2.iter().find(|(known, _)| known == id);
-            known.is_some_and(|(_, [located, broken])| *located > 0.0 && *located >= MIN_LOCATED_SHARE * broken)
+            known.is_some_and(|(_, [located, broken])| *located > 0.0 && *located >= MIN_LOCATED_FRACTION * broken)
         };
         failed.iter().copied().filter(|id| !is_located(id)).collect()
     }
 }
 
-/// Returns the places to abrade on these failed grids. `spared` grids must not be abraded again, so no area extends
-/// into them.
+/// Returns the areas to sand on these failed grids. `spared` grids must not be sanded again, so no area extends into
+/// them.
 pub fn treated(
     (panel, fit): (&TaughtPanel, &Fit),
     broken: &Broken,
@@ -79,13 +80,13 @@ pub fn treated(
 }
 
 /// Checks whether the uncertainty of the panel's pose, `located_mm` (95 %), is within the uncertainty that the margin
-/// around breaks includes; `None` if whole grids are treated.
+/// around breaks includes; `None` if whole grids are sanded.
 pub fn checks(treated: &Treated, located_mm: Option<f64>, recipe: &Recipe) -> Option<Check> {
     treated.areas()?;
     let allowed_mm = recipe.treat().uncertainty_mm();
     let check = Check::new(name::BREAKS_UNCERTAIN, "mm", located_mm);
     let check = check.with_max(allowed_mm, LimitSource::recipe("treat.uncertainty_mm"));
-    // An unknown uncertainty counts as larger than the limit.
+    // An unknown uncertainty is treated as larger than the limit.
     let is_kept = located_mm.is_some() && check.is_met();
     Some(check.with_consequence_if(!is_kept, Severity::Review, "breaks_uncertain", || match located_mm {
         Some(found_mm) => {
@@ -135,9 +136,9 @@ mod tests {
         areas.map(|area| [width_mm * (area.high.u - area.low.u), height_mm * (area.high.v - area.low.v)]).collect()
     }
 
-    /// By hand: grids are 56 mm wide in x, which is 56 · √1.04 = 57 mm on the tilted plane. A break of 10 mm in the
-    /// middle of r2c3 with the default margin of 15 + 2 mm on each side gives an area of 44 mm, to within a pixel. The
-    /// area has at least three disc radii, 45 mm, and stays in its grid.
+    /// Expected area, calculated by hand: grids are 56 mm wide in x, which is 56 · √1.04 = 57 mm on the tilted plane. A
+    /// break of 10 mm in the middle of r2c3, with the default margin of 15 + 2 mm on each side, gives an area of 44 mm,
+    /// to within a pixel. The side of an area is at least three disc radii, 45 mm, and the area stays in its grid.
     #[test]
     fn a_break_in_a_grid_is_an_area_in_it() {
         let recipe = recipe(Shape::Plane, BREAK);
@@ -153,8 +154,8 @@ mod tests {
         assert_eq!(whole, Treated::from_grids(&[id("r2c3")]));
     }
 
-    /// The border between r2c3 and r2c4 lies at x = 28 mm. A break across it gives one area with the names of both
-    /// grids, even if only one of the grids failed. If r2c4 must not be abraded again, the area ends at the border.
+    /// The border between r2c3 and r2c4 is at x = 28 mm. A break across this border gives one area with the names of
+    /// both grids, even if only one of the grids failed. If r2c4 must not be sanded again, the area ends at the border.
     #[test]
     fn a_break_across_two_grids_is_one_area() {
         let recipe = recipe(Shape::Plane, BREAK);
@@ -169,12 +170,12 @@ mod tests {
         let area = spared.areas().expect("around breaks")[0];
         assert!((area.high.u - 0.6).abs() < 1e-12, "{area:?}");
         assert!(spared.broken().expect("known").iter().all(|at| at.u < 0.6), "only what may be abraded counts");
-        // No break lies in the only failed grid: the grid is treated as a whole, and not left out.
+        // No break is in the only failed grid: the whole grid is sanded, and not omitted.
         let elsewhere = of(&[id("r1c1")], &[]);
         assert_eq!((elsewhere.grids(), sides(&fit, &elsewhere)[0][0].round()), (&[id("r1c1")][..], 57.0));
     }
 
-    /// A failed grid is treated as a whole if the places of its breaks are known for less than 0.99 of its broken
+    /// The whole failed grid is sanded if the positions of its breaks are known for less than 0.99 of its broken
     /// surface, or not at all.
     #[test]
     fn a_grid_with_unknown_break_places_is_treated_as_a_whole() {

@@ -1,5 +1,5 @@
-//! Bytes in transit in four directions, each with the delay and the pieces that the cell states, and with the ends of
-//! connections.
+//! The bytes in transit in each of the four directions, with the delay and the pieces that the cell states, and with
+//! the ends of connections.
 
 use super::{Cell, Insides, Watch};
 use panelprep::devices::mock;
@@ -12,13 +12,13 @@ pub(super) enum Piece {
     End,
 }
 
-/// One direction of one connection.
+/// The bytes in transit in one direction of one connection.
 #[derive(Default)]
-pub(super) struct Way {
+pub(super) struct Direction {
     pieces: VecDeque<(u64, Piece)>,
 }
 
-impl Way {
+impl Direction {
     pub(super) fn put(&mut self, due_ms: u64, piece: Piece) {
         let due_ms = self.pieces.back().map_or(due_ms, |(last_ms, _)| due_ms.max(*last_ms));
         self.pieces.push_back((due_ms, piece));
@@ -168,7 +168,7 @@ impl Cell {
     }
 }
 
-/// Returns a command's epoch and id, from its own bytes: `<Cmd Id="17" Ep="3" …`.
+/// Returns the epoch and the ID of a command from its bytes: `<Cmd Id="17" Ep="3" …`.
 fn epoch_and_id(bytes: &[u8]) -> (u32, u32) {
     let text = std::str::from_utf8(bytes).expect("ASCII");
     let mut values = text.split('"').skip(1).step_by(2).map(|value| value.parse::<u32>().expect("a number"));

@@ -1,5 +1,5 @@
-//! Faults that a review of the programs found. A run of the programs before the repair, stored in
-//! `fixtures/kuka_before`, shows each fault; the same run of the shipped programs does not.
+//! Faults that a review of the programs found. The earlier programs are stored in `fixtures/kuka_before`. A run with
+//! the earlier programs shows each fault; the same run with the shipped programs does not.
 
 use super::super::cell::TOOL_OUTPUT;
 use super::raw::{Raw, started};
@@ -9,20 +9,20 @@ use panelprep::devices::mock::{Channel, Controller, Mode, Programs, RobotState};
 use panelprep::krl::{Kss, Op, UndocumentedBehaviour, analyse, parse};
 use rayon::prelude::*;
 
-const BEFORE: &str = "fixtures/kuka_before";
-const SHIPS: &str = "config/kuka";
+const EARLIER_FOLDER: &str = "fixtures/kuka_before";
+const SHIPPED_FOLDER: &str = "config/kuka";
 
-/// Loads the programs before the repair and the shipped programs, with this choice of undocumented behaviour.
+/// Loads the earlier programs and the shipped programs, with this variant of undocumented behaviour.
 fn both(meaning: UndocumentedBehaviour) -> [Programs; 2] {
-    [BEFORE, SHIPS].map(|folder| {
+    [EARLIER_FOLDER, SHIPPED_FOLDER].map(|folder| {
         let mut programs = load(&texts(folder));
         programs.meaning = meaning;
         programs
     })
 }
 
-/// Faults that a random walk shows, each with one choice of a behaviour that public documents leave open: the walk over
-/// the old programs gives this error.
+/// Faults that a random walk shows, each with one variant of a behaviour that public documents leave open: the walk
+/// over the earlier programs gives this error.
 #[test]
 fn random_walks_find_the_faults_before_the_repair() {
     let standard = UndocumentedBehaviour::default();
@@ -52,9 +52,9 @@ fn random_walks_find_the_faults_before_the_repair() {
     }
 }
 
-/// A client connects and disconnects between two cycles; then a client tries to connect for 10 s. Returns whether
-/// it succeeds.
-fn comes_back(programs: Programs) -> bool {
+/// A client connects and disconnects between two cycles; then a client tries to connect for 10 s. Returns whether it
+/// succeeds.
+fn can_reconnect(programs: Programs) -> bool {
     let mut controller = started(programs);
     for channel in [Channel::Command, Channel::State] {
         assert!(controller.connect(channel));
@@ -67,8 +67,8 @@ fn comes_back(programs: Programs) -> bool {
     })
 }
 
-/// Before the repair, only the loss of a client that had been seen was noticed; a channel with a client that had not
-/// been seen stayed closed for ever.
+/// In the earlier programs, only the loss of a client that had been detected was handled; a channel with a client that
+/// had not been detected stayed closed for ever.
 #[test]
 fn a_client_that_disconnects_within_a_cycle_closes_no_channel_permanently() {
     for immediate_reopen_fails in [false, true] {
@@ -94,8 +94,8 @@ fn a_stopped_foreign_program_keeps_its_position() {
     assert_eq!((before.0, ships), (1, (0, Some(RobotState::Stopped))));
 }
 
-/// Releases the start key in T2, in contact with the tool on. Returns the time for which the tool's output stayed
-/// on, ms.
+/// Releases the start key in T2, in contact with the tool on. Returns the time for which the tool's output stayed on,
+/// ms.
 fn key_in_contact(programs: Programs) -> Option<u64> {
     let mut raw = Raw::opened(programs);
     raw.controller.select_mode(Mode::T2);
@@ -123,7 +123,7 @@ fn key_in_contact(programs: Programs) -> Option<u64> {
     })
 }
 
-/// The client continues its heartbeats; only the programs could switch the tool off.
+/// The client continues its heartbeats; only the programs can switch the tool off.
 #[test]
 fn the_stop_key_in_contact_switches_the_tool_off() {
     let [before, ships] = both(UndocumentedBehaviour::default()).map(key_in_contact);
@@ -149,13 +149,14 @@ fn every_version_of_the_page_has_the_system_variables() {
         let problems = analyse(&files, Some(Kss { major: 8, minor })).problems;
         problems.into_iter().flatten().map(|problem| problem.key).collect::<Vec<_>>()
     };
-    assert_eq!(lacking(BEFORE, 3), ["$COULD_START_MOTION"]);
+    assert_eq!(lacking(EARLIER_FOLDER, 3), ["$COULD_START_MOTION"]);
     for minor in 3..=7 {
-        assert_eq!(lacking(SHIPS, minor), Vec::<String>::new(), "8.{minor}");
+        assert_eq!(lacking(SHIPPED_FOLDER, minor), Vec::<String>::new(), "8.{minor}");
     }
 }
 
-/// Counts the cycles of the submit interpreter in 1.2 s without a client, if each begins as soon as the last has ended.
+/// Counts the cycles of the submit interpreter in 1.2 s without a client, if each cycle begins as soon as the last one
+/// has ended.
 #[test]
 fn without_a_client_the_submit_interpreter_waits() {
     let cycles = |mut programs: Programs| {
@@ -193,10 +194,10 @@ fn the_axis_speed_of_set_acc_speed_is_applied() {
         raw.run(300);
         raw.int("CELL_SEEN")
     };
-    assert_eq!([BEFORE, SHIPS].map(seen), [100, 37]);
+    assert_eq!([EARLIER_FOLDER, SHIPPED_FOLDER].map(seen), [100, 37]);
 }
 
-/// Sends a single blended line in the air; more points are promised, but none is sent.
+/// Sends a single blended line in the air; further points are announced, but none is sent.
 #[test]
 fn a_single_blended_line_starts() {
     let meaning = UndocumentedBehaviour { lone_approximation_waits: true, ..UndocumentedBehaviour::default() };
@@ -209,8 +210,8 @@ fn a_single_blended_line_starts() {
     assert_eq!(both(meaning).map(moved), [false, true]);
 }
 
-/// The programs stop a path that ends in contact, and the arm must leave the panel whatever the scheduler does. A
-/// stop closes the epoch before it raises its flag. Between the two, the earlier robot program left the epoch in
+/// The programs stop a path that ends in contact, and the arm must leave the panel whatever the scheduler does. A stop
+/// closes the epoch before it sets its flag. Between these two steps, the earlier robot program left the epoch in
 /// contact.
 #[test]
 fn every_stop_in_contact_is_followed_by_a_retract() {
@@ -246,7 +247,7 @@ fn a_late_trigger_counts_its_own_motion() {
     assert_eq!(both(meaning).map(is_ahead), [true, false]);
 }
 
-/// Repairs that are undone one at a time in the shipped programs, so that the other repairs cannot hide the fault.
+/// Fixes that are undone one at a time in the shipped programs, so that the other fixes cannot hide the fault.
 const UNDONE: [Undone; 2] = [
     Undone {
         name: "another program is reset",
@@ -266,10 +267,10 @@ const UNDONE: [Undone; 2] = [
     },
 ];
 
-/// For each fix that a walk can show, one random walk fails if only this fix is undone.
+/// For each fix that a walk can show, a random walk fails if only this fix is undone.
 #[test]
 fn each_repair_that_is_undone_is_detected() {
-    let ships = load(&texts(SHIPS));
+    let ships = load(&texts(SHIPPED_FOLDER));
     let anew: Option<u64> = std::env::var("KRL_FIND").ok().and_then(|walks| walks.parse().ok());
     for undone in &UNDONE {
         let mut meaning = UndocumentedBehaviour::default();

@@ -1,13 +1,13 @@
-//! The hand-written model of the controller and the shipped programs, side by side: the same commands and the same
-//! disturbances, each at the same point of the work. The client must observe the same on both, or the difference
-//! must be in the table of intended differences.
+//! Compares the hand-written model of the controller with the shipped programs: the same commands and the same
+//! disturbances, each at the same point of the work. The client must observe the same on both, or the difference must
+//! be in the table of intended differences.
 
 mod meant;
 mod script;
 
 use super::super::cell::{self, Blind, Cell, height_mm, setup};
 use super::{load, meaning, texts};
-use meant::{Both, Kind, MEANT};
+use meant::{Both, Kind, INTENDED_DIFFERENCES};
 use panelprep::devices::mock::{Clock, ExecutedMotion, Programs, Setup, World};
 use panelprep::eki::{Command, LinkLimits, LinkLoss, MoveLin, Refusal, Report, StopCause};
 use rayon::prelude::*;
@@ -17,36 +17,36 @@ use std::sync::{Arc, Mutex};
 
 /// Number of scripts in each test run.
 const SCRIPTS: u64 = 250;
-/// Time limit for the link to be connected again, ms.
+/// Maximum time until the client is connected again, ms.
 const MAX_RECONNECT_MS: u64 = 15_000;
-/// Time limit for an epoch.
+/// Time limit for an epoch, ms.
 const EPOCH_MS: u64 = 15_000;
-/// Time from an epoch's end until all faults are removed and the arm is still, ms.
+/// Time from the end of an epoch until all faults are removed and the arm is stationary, ms.
 const SETTLE_MS: u64 = 5_000;
 /// Off the panel.
 const MAX_CONTACT_HEIGHT_MM: f64 = 1.0;
-/// Outputs that the end of an epoch switches off at once.
+/// Outputs that the end of an epoch switches off immediately.
 const HARMFUL: [u16; 2] = [2, cell::TOOL_OUTPUT];
 
-/// The events of an epoch that the client could observe.
+/// The events of an epoch that the client can observe.
 #[derive(Debug, Clone, Default, PartialEq)]
 struct EpochTrace {
     opened: bool,
-    /// Whether the epoch's last path was reported done.
+    /// Whether the epoch's last path was reported as executed.
     finished: bool,
     executed: Vec<ExecutedMotion>,
     /// The outputs that were on before the epoch.
     before: BTreeMap<u16, bool>,
     /// The changes of the outputs in the epoch, in order.
     outputs: Vec<(u16, bool)>,
-    /// The reason for the epoch's end: the first reason that was reported.
+    /// The first reason that was reported for the end of the epoch.
     why: Option<&'static str>,
     harmful: bool,
     on_panel: bool,
     connected: bool,
 }
 
-/// The controller's terminals, which record the changes of the outputs, in order.
+/// The terminals of the controller, which record the changes of the outputs in order.
 #[derive(Default)]
 struct Terminals(Arc<Mutex<Vec<(u16, bool)>>>);
 
@@ -60,7 +60,7 @@ impl World for Terminals {
     }
 }
 
-/// A run of a script on one controller; it gives the trace of each epoch.
+/// A run of a script on one controller, which gives the trace of each epoch.
 struct Run {
     cell: Cell,
     changes: Arc<Mutex<Vec<(u16, bool)>>>,
@@ -76,7 +76,7 @@ impl Run {
         Run { cell, changes }
     }
 
-    fn part(&mut self, part: &Part) -> EpochTrace {
+    fn run_epoch(&mut self, part: &Part) -> EpochTrace {
         let mut trace = EpochTrace::default();
         let end_ms = self.cell.now_ms + MAX_RECONNECT_MS;
         while !trace.opened && self.cell.now_ms < end_ms {
@@ -159,14 +159,14 @@ impl Run {
                 trace.finished |= Some(*done) == last && trace.why.is_none();
             }
             if !trace.finished && trace.why.is_none() {
-                trace.why = why(&report);
+                trace.why = end_reason(&report);
             }
         }
     }
 }
 
-/// The reason for an epoch's end, according to the reports to the client.
-fn why(report: &Report) -> Option<&'static str> {
+/// Returns the reason for the end of an epoch, according to the reports to the client.
+fn end_reason(report: &Report) -> Option<&'static str> {
     Some(match report {
         Report::Refused { refusal: Refusal::NotReachable, .. } => "refused: not reachable",
         Report::Refused { refusal: Refusal::NoMotionMode, .. } => "refused: no motion",
@@ -188,7 +188,8 @@ fn why(report: &Report) -> Option<&'static str> {
     })
 }
 
-/// A difference, the script and epoch in which it was found, and its row among the intended differences.
+/// A difference: the script and epoch in which it was found, its description, and its row among the intended
+/// differences.
 type Found = (u64, usize, Kind, String, Option<usize>);
 
 fn run_both(seed: u64, ships: &Programs) -> Vec<Found> {
@@ -198,9 +199,9 @@ fn run_both(seed: u64, ships: &Programs) -> Vec<Found> {
     let (mut model, mut programs) = (Run::new(None, seed), Run::new(Some(programs), seed));
     let mut found = Vec::new();
     for (index, part) in script(seed).iter().enumerate() {
-        let both = Both { part, adverse, model: model.part(part), programs: programs.part(part) };
+        let both = Both { part, adverse, model: model.run_epoch(part), programs: programs.run_epoch(part) };
         for kind in both.differences() {
-            let row = MEANT.iter().position(|row| row.kinds.contains(&kind) && (row.is_it)(&both));
+            let row = INTENDED_DIFFERENCES.iter().position(|row| row.kinds.contains(&kind) && (row.is_it)(&both));
             let (model, programs) = (&both.model, &both.programs);
             let words = format!(
                 "{:?}: {:?} {:?}, {} {} motions",
@@ -219,15 +220,15 @@ fn run_both(seed: u64, ships: &Programs) -> Vec<Found> {
     found
 }
 
-/// More scripts: `KRL_WALKS=5000`. Scripts that show intended differences are added to the others.
+/// For more scripts, set `KRL_WALKS=5000`. Scripts that show intended differences are always included.
 #[test]
-fn the_model_and_the_programs_do_the_same() {
+fn the_model_and_the_programs_behave_equally() {
     let ships = load(&texts("config/kuka"));
     let scripts = std::env::var("KRL_WALKS").ok().and_then(|walks| walks.parse().ok()).unwrap_or(SCRIPTS);
-    let shows: Vec<u64> = MEANT.iter().map(|row| row.shown_by).filter(|seed| *seed >= scripts).collect();
+    let shows: Vec<u64> = INTENDED_DIFFERENCES.iter().map(|row| row.shown_by).filter(|seed| *seed >= scripts).collect();
     let all: Vec<u64> = (0..scripts).chain(shows).collect();
     let found: Vec<Found> = all.into_par_iter().flat_map_iter(|seed| run_both(seed, &ships)).collect();
-    let mut seeds: [Vec<u64>; MEANT.len()] = Default::default();
+    let mut seeds: [Vec<u64>; INTENDED_DIFFERENCES.len()] = Default::default();
     let mut unknown = Vec::new();
     for (seed, index, kind, words, row) in found {
         match row {
@@ -235,12 +236,12 @@ fn the_model_and_the_programs_do_the_same() {
             None => unknown.push(format!("script {seed}, epoch {index}: {kind:?}, {words}")),
         }
     }
-    for (row, seeds) in MEANT.iter().zip(&seeds) {
+    for (row, seeds) in INTENDED_DIFFERENCES.iter().zip(&seeds) {
         println!("{} times {}, first in {:?}: {}", seeds.len(), row.name, seeds.first(), row.reason);
     }
     unknown.iter().take(40).for_each(|found| println!("{found}"));
     assert_eq!(unknown.len(), 0, "of {scripts} scripts");
-    for (row, seeds) in MEANT.iter().zip(&seeds) {
+    for (row, seeds) in INTENDED_DIFFERENCES.iter().zip(&seeds) {
         assert!(seeds.contains(&row.shown_by), "{}: what never differs need not be allowed", row.name);
     }
 }

@@ -1,17 +1,17 @@
-//! Which statements and branches of the programs the walks have executed.
+//! The coverage of the programs by the walks: executed statements and branches.
 
 use panelprep::devices::mock::{Controller, Programs};
 use panelprep::krl::{Op, Program};
 use std::collections::BTreeMap;
 
-/// Counts of executed statements and branches over many walks.
+/// Number of executions of each statement and branch over many walks.
 #[derive(Clone, Default)]
 pub struct Coverage {
     hits: Vec<u64>,
     branches: Vec<[bool; 2]>,
 }
 
-/// Lines that no walk reaches: file, a piece of the line, and the reason.
+/// Lines that no walk reaches: file, a part of the line, and the reason.
 const UNREACHABLE: [(&str, &str, &str); 2] = [
     ("cell_motion.src", "CELL_E_OPERATION", " (CELL_WHY_NOT refuses it before)"),
     // Only reached in the CASE of an output on the path, if the motion ends between two statements of this command.
@@ -19,13 +19,13 @@ const UNREACHABLE: [(&str, &str, &str); 2] = [
 ];
 
 impl Coverage {
-    /// Returns the counts of the statements and branches that this controller has executed.
+    /// Returns the number of executions on this controller.
     pub fn from_controller(controller: &Controller) -> Self {
         let hits = controller.statement_hits().iter().map(|&hits| u64::from(hits)).collect();
         Coverage { hits, branches: controller.branches().to_vec() }
     }
 
-    /// Returns the coverage of both together.
+    /// Returns the sum of both coverages.
     pub fn with(mut self, other: &Coverage) -> Self {
         self.hits.resize(self.hits.len().max(other.hits.len()), 0);
         self.branches.resize(self.branches.len().max(other.branches.len()), [false; 2]);
@@ -36,8 +36,8 @@ impl Coverage {
         self
     }
 
-    /// Prints the shares of each file and every statement or branch that is missing; returns the lines that no walk
-    /// has executed.
+    /// Prints the coverage of each file and every statement or branch that was not executed; returns the lines that no
+    /// walk has executed.
     pub fn print(&self, programs: &Programs, texts: &[(String, String)]) -> Vec<String> {
         let program = programs.program();
         let line_of = |file: usize, line: usize| {
@@ -88,7 +88,7 @@ fn lines(program: &Program, hits: &[u64], file: usize) -> BTreeMap<usize, u64> {
     lines
 }
 
-/// Returns each condition of the file: its line, and whether it was ever FALSE and ever TRUE.
+/// Returns each condition of the file: its line, and whether it was FALSE at least once and TRUE at least once.
 fn branches(program: &Program, taken: &[[bool; 2]], file: usize) -> Vec<(usize, [bool; 2])> {
     let mut found = Vec::new();
     let mut at = None;

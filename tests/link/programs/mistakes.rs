@@ -1,12 +1,12 @@
-//! Mistakes that are planted by hand into the programs, one at a time: walks or scenes must find each.
+//! Errors that are injected by hand into the programs, one at a time: a walk or a scene must detect each of them.
 
 use super::scenes::first_wrong;
 use super::{load, meaning, texts, walk};
 use panelprep::devices::mock::Programs;
 use rayon::prelude::*;
 
-/// A mistake: the file, the shipped text, its replacement, and a walk that finds it. If no walk is known, the
-/// scenes must find it.
+/// An injected error: the file, the shipped text, its replacement, and a walk that detects it. If no walk is known, a
+/// scene must detect it.
 struct Mistake {
     name: &'static str,
     file: &'static str,
@@ -295,15 +295,15 @@ fn planted(mistake: &Mistake) -> Programs {
     load(&texts)
 }
 
-/// Returns the first of these walks that finds the mistake, and its finding.
-fn finds(programs: &Programs, seeds: std::ops::Range<u64>) -> Option<(u64, String)> {
+/// Returns the first of these walks that detects the error, and the violated requirement.
+fn first_detecting_walk(programs: &Programs, seeds: std::ops::Range<u64>) -> Option<(u64, String)> {
     seeds
         .into_par_iter()
         .find_map_first(|seed| walk(seed, programs, meaning(seed)).1.err().map(|violation| (seed, violation)))
 }
 
-/// Each mistake is found by a scene, or by a walk in which the shipped programs violate no rule. `KRL_FIND=400`
-/// searches for such walks again; `KRL_NAME=speed` limits this to mistakes with this word in their name.
+/// Each error is detected by a scene, or by a walk in which the shipped programs violate no requirement. `KRL_FIND=400`
+/// searches for such walks again; `KRL_NAME=speed` limits the search to errors with this word in their name.
 #[test]
 fn planted_mistakes_in_the_programs_are_found() {
     let anew: Option<u64> = std::env::var("KRL_FIND").ok().and_then(|walks| walks.parse().ok());
@@ -317,7 +317,7 @@ fn planted_mistakes_in_the_programs_are_found() {
             (None, Some(seed)) => seed..seed + 1,
             (None, None) => 0..0,
         };
-        let walked = finds(&programs, seeds);
+        let walked = first_detecting_walk(&programs, seeds);
         if let Some((seed, _)) = walked {
             assert_eq!(walk(seed, &ships, meaning(seed)).1, Ok(()), "{}", mistake.name);
         }

@@ -1,5 +1,5 @@
-//! The shipped programs are executed in seeded walks of the real client, with every behaviour that public documents
-//! leave open.
+//! Executes the shipped programs in random walks of the real client, with every variant of behaviour that public
+//! documents leave open.
 
 mod before;
 mod both;
@@ -19,10 +19,10 @@ use std::path::Path;
 
 /// Number of walks in each test run.
 const WALKS: u64 = 2_000;
-/// From this number of walks on, every statement must have been executed.
-const ALL_STATEMENTS: u64 = 2_000;
+/// Minimum number of walks for which every statement must be executed.
+const MIN_WALKS_FOR_FULL_COVERAGE: u64 = 2_000;
 
-/// Returns the texts of a folder's programs and data lists.
+/// Returns the texts of the programs and data lists in a folder.
 pub fn texts(folder: &str) -> Vec<(String, String)> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join(folder);
     let mut found = Vec::new();
@@ -42,9 +42,9 @@ pub fn load(texts: &[(String, String)]) -> Programs {
     Programs::load(&named).expect("right programs")
 }
 
-/// Returns the undocumented behaviour for this walk: each switch is a bit of the seed, so that 1,024 walks cover all
-/// combinations.
-pub fn meaning(seed: u64) -> UndocumentedBehaviour {
+/// Returns the variant of undocumented behaviour for this walk: each switch is a bit of the seed, so that 1,024 walks
+/// cover all combinations.
+pub fn behaviour_variant(seed: u64) -> UndocumentedBehaviour {
     let bit = |place: u32| seed >> place & 1 == 1;
     UndocumentedBehaviour {
         resume_needs_advance_0: bit(0),
@@ -60,7 +60,7 @@ pub fn meaning(seed: u64) -> UndocumentedBehaviour {
     }
 }
 
-/// Runs one walk of the programs; returns the cell at its end, and what was wrong.
+/// Runs one walk of the programs; returns the cell at its end, and the first violated requirement.
 pub fn walk(seed: u64, programs: &Programs, meaning: UndocumentedBehaviour) -> (Cell, Result<(), String>) {
     let mut programs = programs.clone();
     (programs.meaning, programs.seed, programs.is_adverse_scheduling) = (meaning, seed, true);
@@ -78,10 +78,10 @@ pub fn walk(seed: u64, programs: &Programs, meaning: UndocumentedBehaviour) -> (
     (cell, found)
 }
 
-/// Runs the walks of these seeds; returns those that violate a rule, and the executed statements and branches.
-pub fn many(seeds: Range<u64>, mask: u64, programs: &Programs) -> (Vec<(u64, String)>, Coverage) {
+/// Runs the walks of these seeds; returns those that violate a requirement, and the executed statements and branches.
+pub fn run_walks(seeds: Range<u64>, mask: u64, programs: &Programs) -> (Vec<(u64, String)>, Coverage) {
     let walked = seeds.into_par_iter().map(|seed| {
-        let (cell, found) = walk(seed, programs, meaning(seed & mask));
+        let (cell, found) = walk(seed, programs, behaviour_variant(seed & mask));
         let wrong: Vec<(u64, String)> = found.err().map(|violation| (seed, violation)).into_iter().collect();
         (wrong, Coverage::from_controller(&cell.controller))
     });
@@ -94,7 +94,7 @@ pub fn many(seeds: Range<u64>, mask: u64, programs: &Programs) -> (Vec<(u64, Str
     (found, covered)
 }
 
-/// More walks: `KRL_WALKS=20000`, starting at another seed: `KRL_FROM=5000`. To see the end of one walk:
+/// For more walks, set `KRL_WALKS=20000`; to start at another seed, `KRL_FROM=5000`. To see the end of one walk:
 /// `KRL_SEED=148`. With fewer variants of undocumented behaviour: `KRL_MASK=0`.
 #[test]
 fn no_walk_of_the_shipped_programs_violates_a_rule() {
@@ -103,13 +103,13 @@ fn no_walk_of_the_shipped_programs_violates_a_rule() {
     let walks = std::env::var("KRL_WALKS").ok().and_then(|walks| walks.parse().ok()).unwrap_or(WALKS);
     let mask: u64 = std::env::var("KRL_MASK").ok().and_then(|mask| mask.parse().ok()).unwrap_or(u64::MAX);
     let from = std::env::var("KRL_FROM").ok().and_then(|from| from.parse().ok()).unwrap_or(0);
-    let (found, covered) = many(from..walks, mask, &programs);
+    let (found, covered) = run_walks(from..walks, mask, &programs);
     let missing = covered.print(&programs, &shipped);
     for (seed, violation) in found.iter().take(40) {
         println!("{seed}: {violation}");
     }
     if let Some(seed) = std::env::var("KRL_SEED").ok().and_then(|seed| seed.parse().ok()) {
-        let (cell, found) = walk(seed, &programs, meaning(seed & mask));
+        let (cell, found) = walk(seed, &programs, behaviour_variant(seed & mask));
         let controller = &cell.controller;
         println!("{found:?} {:?} {:?}", controller.robot_state(), controller.program_places());
         for stop in controller.program_stops().iter().rev().take(3) {
@@ -143,10 +143,10 @@ fn no_walk_of_the_shipped_programs_violates_a_rule() {
         println!("{:?}", controller.flags());
     }
     assert_eq!(found.len(), 0, "of {walks}");
-    assert!(walks - from < ALL_STATEMENTS || missing.is_empty(), "no walk has executed these: {missing:?}");
+    assert!(walks - from < MIN_WALKS_FOR_FULL_COVERAGE || missing.is_empty(), "no walk has executed these: {missing:?}");
 }
 
-/// An undone fix: the file, the shipped text, the earlier text, and the requested behaviour of the controller.
+/// An undone fix: the file, the shipped text, the earlier text, and the variant of the controller's behaviour.
 struct Undone {
     name: &'static str,
     file: &'static str,
@@ -157,7 +157,7 @@ struct Undone {
     seed: u64,
 }
 
-/// Loads the shipped programs with the text before the repair.
+/// Loads the shipped programs with the earlier text of this fix.
 fn undo(undone: &Undone) -> Programs {
     let mut texts = texts("config/kuka");
     let (_, text) = texts.iter_mut().find(|(name, _)| name == undone.file).expect("a file");

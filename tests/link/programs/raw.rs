@@ -1,11 +1,11 @@
-//! A controller with programs, and a client that writes to its two channels by hand, for actions that a good client
-//! never does.
+//! A controller with programs, and a client that writes its messages directly to the two channels, for actions that a
+//! correct client never performs.
 
 use super::super::cell::{START, setup};
 use panelprep::devices::mock::{Channel, Clock, Controller, Programs, Setup, UnconnectedWorld};
 use panelprep::krl::Cell;
 
-/// Time between two heartbeats, ms.
+/// Interval between two heartbeats, ms.
 const HEARTBEAT_MS: u64 = 96;
 
 pub struct Raw {
@@ -44,7 +44,7 @@ impl Raw {
         self.run(120);
     }
 
-    /// Sets the epoch to which the next commands belong.
+    /// Sets the epoch to which the following commands belong.
     pub fn count_from(&mut self, epoch: i32) {
         (self.epoch, self.id) = (epoch, 0);
     }
@@ -65,12 +65,12 @@ impl Raw {
         self.controller.command_bytes(command.as_bytes());
     }
 
-    /// Sends a linear motion to this position on the panel, blended, with this number of points to follow.
+    /// Sends a blended linear motion to this position on the panel, with the announced number of points that follow.
     pub fn line(&mut self, to_come: i32, contact: bool, [x, y, z]: [f64; 3]) {
         self.command(2, [to_come, i32::from(contact)], [1.2, 0.0], [x, y, z, 0.0, 0.0, 0.0]);
     }
 
-    /// Lets time pass, with heartbeats.
+    /// Advances the time, with heartbeats.
     pub fn run(&mut self, ms: u64) {
         let end_ms = self.controller.time_ms() + ms;
         while self.controller.time_ms() < end_ms {
@@ -90,7 +90,7 @@ impl Raw {
         }
     }
 
-    /// Returns whether the arm is where it was at the start.
+    /// Returns whether the arm is at its start position.
     pub fn has_not_moved(&self) -> bool {
         (self.controller.joints().a1_deg - START.a1_deg).abs() < 1e-3
             && (self.controller.joints().a2_deg - START.a2_deg).abs() < 1e-3

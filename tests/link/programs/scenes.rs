@@ -1,5 +1,5 @@
-//! Short scenes with one fault each, written directly to the channels, and the reaction that the programs must have
-//! shown.
+//! Short scenes with one fault each, whose messages are written directly to the channels, and the required reaction of
+//! the programs.
 
 use super::super::cell::{TOOL_OUTPUT, height_mm};
 use super::raw::{Raw, started};
@@ -7,19 +7,19 @@ use panelprep::devices::mock::{Channel, Fault, Programs, RobotState};
 use panelprep::krl::{Cell, UndocumentedBehaviour};
 
 /// Number of runs of a path that ends in contact, each with another order of the interpreters.
-const ORDERS: u64 = 150;
+const ORDER_COUNT: u64 = 150;
 
-/// Least height above the panel at which a retract of 50 mm ends, mm.
+/// Minimum height above the panel at which a retract of 50 mm ends, mm.
 const MIN_RETRACT_HEIGHT_MM: f64 = 40.0;
 /// Number of aborts, each one tick later than the previous one.
-const ABORTS: u64 = 80;
+const ABORT_COUNT: u64 = 80;
 
-/// The output that runs the tool in the shipped `cell_config.dat`.
+/// Number of the output that runs the tool in the shipped `cell_config.dat`.
 const CONFIGURED_TOOL_OUTPUT: i32 = 21;
 
 type Scene = fn(&Programs) -> bool;
 
-/// A scene passes if it returns TRUE.
+/// The scenes; a scene passes if it returns true.
 const SCENES: [(&str, Scene); 27] = [
     ("thirty commands at once are all executed", |programs| {
         let mut raw = Raw::opened(programs.clone());
@@ -74,7 +74,7 @@ const SCENES: [(&str, Scene); 27] = [
         raw.command(6, [i32::from(TOOL_OUTPUT), 1], [0.0, 0.0], [0.0; 6]);
         raw.run(200);
         let done = raw.int("CELL_DONE");
-        // Silence ends the epoch; its count of executed commands is reported as long as it is the last epoch.
+        // Silence ends the epoch; its number of executed commands is reported as long as it is the last epoch.
         raw.controller.advance_ms(1_200);
         done == 4 && !raw.is("CELL_OPEN") && raw.int("CELL_DONE") == done
     }),
@@ -111,7 +111,7 @@ const SCENES: [(&str, Scene); 27] = [
         !raw.is("CELL_OPEN")
     }),
     ("an abort next to a contact retracts where a trigger is late", |programs| {
-        (0..ABORTS).all(|tick| leaves_after_an_abort(programs, tick))
+        (0..ABORT_COUNT).all(|tick| leaves_after_an_abort(programs, tick))
     }),
     ("in contact nothing waits long, whatever comes next", |programs| {
         let mut raw = Raw::opened(programs.clone());
@@ -141,10 +141,10 @@ const SCENES: [(&str, Scene); 27] = [
     }),
     ("an ended epoch leaves the whole ring free", |programs| reports_the_free_places_of_the_ring(programs)),
     ("a base that is reported as executed is reported as set", |programs| {
-        (0..ORDERS).all(|seed| echoes_the_base(programs, seed))
+        (0..ORDER_COUNT).all(|seed| echoes_the_base(programs, seed))
     }),
     ("no path that ends in contact is left there", |programs| {
-        (0..ORDERS).all(|seed| !is_left_in_contact(programs, seed))
+        (0..ORDER_COUNT).all(|seed| !is_left_in_contact(programs, seed))
     }),
     ("an epoch that replaces one in contact lifts the tool off", |programs| {
         let mut raw = Raw::opened(programs.clone());
@@ -155,8 +155,8 @@ const SCENES: [(&str, Scene); 27] = [
         begun && tool_off && height_mm(&raw.controller) > MIN_RETRACT_HEIGHT_MM
     }),
     ("another program that was selected before the controller started is not reset", |programs| {
-        // The submit interpreter's first cycle follows at once; if it came later, the watchdog's timer would show that
-        // the interpreter was not running.
+        // The first cycle of the submit interpreter follows immediately; if it came later, the watchdog's timer would
+        // show that the interpreter was not running.
         let mut programs = programs.clone();
         programs.busy_submit = true;
         let mut raw = Raw::opened(programs);
@@ -195,13 +195,13 @@ const SCENES: [(&str, Scene); 27] = [
         begun && tool_off && raw.int("CELL_ERR") == 11 && height_mm(&raw.controller) > MIN_RETRACT_HEIGHT_MM
     }),
     ("a line that ends outside of the box is refused", |programs| {
-        let mut raw = Raw::opened(as_configured(programs));
+        let mut raw = Raw::opened(with_shipped_limits(programs));
         raw.line(0, false, [0.0, 500.0, -10.0]);
         raw.run(300);
         raw.int("CELL_ERR") == 12 && raw.has_not_moved()
     }),
     ("a line in contact that is longer than a step is refused", |programs| {
-        let mut raw = Raw::opened(as_configured(programs));
+        let mut raw = Raw::opened(with_shipped_limits(programs));
         raw.line(1, false, [-40.0, 0.0, -10.0]);
         raw.line(0, true, [110.0, 0.0, 0.0]);
         raw.run(1_500);
@@ -219,7 +219,7 @@ const SCENES: [(&str, Scene); 27] = [
     }),
     ("a line in the air that is longer than a step is refused while the tool runs", |programs| {
         let refusal = |runs: bool| {
-            let mut raw = Raw::opened(as_configured(programs));
+            let mut raw = Raw::opened(with_shipped_limits(programs));
             if runs {
                 raw.command(6, [CONFIGURED_TOOL_OUTPUT, 1], [0.0, 0.0], [0.0; 6]);
                 raw.run(100);
@@ -242,8 +242,8 @@ const SCENES: [(&str, Scene); 27] = [
     }),
 ];
 
-/// Starts a path in contact with the tool on, and runs it until ten commands are executed; returns whether they
-/// are.
+/// Starts a path in contact with the tool on, and runs it until ten commands are executed; returns whether they were
+/// executed.
 fn is_in_contact(raw: &mut Raw) -> bool {
     raw.command(6, [i32::from(TOOL_OUTPUT), 1], [0.0, 0.0], [0.0; 6]);
     raw.line(30, false, [-40.0, 0.0, -10.0]);
@@ -255,13 +255,14 @@ fn is_in_contact(raw: &mut Raw) -> bool {
 }
 
 /// Returns the programs with the limits of the shipped `cell_config.dat`, not those of a cell.
-fn as_configured(programs: &Programs) -> Programs {
+fn with_shipped_limits(programs: &Programs) -> Programs {
     let mut programs = programs.clone();
     programs.uses_config_io = true;
     programs
 }
 
-/// An abort shortly before or after the landing, this number of ticks later: at the end the tool is off the panel.
+/// Sends an abort shortly before or after the landing, delayed by this number of ticks. Returns whether the tool is off
+/// the panel at the end.
 fn leaves_after_an_abort(programs: &Programs, tick: u64) -> bool {
     let mut programs = programs.clone();
     programs.meaning = UndocumentedBehaviour { late_triggers: true, ..UndocumentedBehaviour::default() };
@@ -278,8 +279,8 @@ fn leaves_after_an_abort(programs: &Programs, tick: u64) -> bool {
     height_mm(&raw.controller) > MIN_RETRACT_HEIGHT_MM
 }
 
-/// Sends more commands than the ring buffer holds, and then starts the robot program again: acknowledgements report the
-/// true number of free places. A client accepts no other number.
+/// Sends more commands than the ring buffer holds, and then starts the robot program again. Returns whether the
+/// acknowledgements report the true number of free places, because a client accepts no other number.
 fn reports_the_free_places_of_the_ring(programs: &Programs) -> bool {
     let mut raw = Raw::opened(programs.clone());
     for _ in 0..12 {
@@ -301,7 +302,7 @@ fn reports_the_free_places_of_the_ring(programs: &Programs) -> bool {
     received > 110 && told.contains("Free=\"100\"") && !told.contains("Free=\"-")
 }
 
-/// Each state that counts the command for the base as executed reports that there is a base, in this order of the
+/// Returns whether each state that counts the command for the base as executed reports a base, with this order of the
 /// interpreters.
 fn echoes_the_base(programs: &Programs, seed: u64) -> bool {
     let mut programs = programs.clone();
@@ -331,8 +332,8 @@ pub fn first_wrong(programs: &Programs) -> Option<&'static str> {
     SCENES.iter().find(|(_, scene)| !scene(programs)).map(|(name, _)| *name)
 }
 
-/// Runs a path that ends in contact, which the programs stop. Returns whether the arm stays on the panel in this
-/// order of the interpreters.
+/// Runs a path that ends in contact and is stopped by the programs. Returns whether the arm stays on the panel with
+/// this order of the interpreters.
 pub fn is_left_in_contact(programs: &Programs, seed: u64) -> bool {
     let mut programs = programs.clone();
     (programs.seed, programs.is_adverse_scheduling) = (seed, true);
@@ -366,7 +367,7 @@ impl Raw {
     }
 }
 
-/// Two faults that walks on both controllers have found: each scene fails if only its fix is undone.
+/// Two faults that walks on both controllers have detected: each scene fails if only its fix is undone.
 #[test]
 fn scenes_fail_if_a_repair_is_undone() {
     let undone = [
@@ -390,8 +391,8 @@ fn scenes_fail_if_a_repair_is_undone() {
     }
 }
 
-/// The PC computes the checksum from the files, and the controller from its loaded values. The two are equal for
-/// the shipped files and for edited ones.
+/// The PC computes the checksum from the files, and the controller from its loaded values. Both are equal for the
+/// shipped files and for edited ones.
 #[test]
 fn the_checksum_of_the_files_is_that_of_the_loaded_programs() {
     for (from, to) in [("CELL_OUT[1]=17", "CELL_OUT[1]=17"), ("CELL_OFF_MS[1]=60000", "CELL_OFF_MS[1]=61000")] {
@@ -399,7 +400,7 @@ fn the_checksum_of_the_files_is_that_of_the_loaded_programs() {
         texts[0].1 = texts[0].1.replacen(from, to, 1);
         let files: Vec<(&str, &str)> = texts.iter().map(|(name, text)| (name.as_str(), text.as_str())).collect();
         let computed = panelprep::controller::program_sum(&files).expect("all files");
-        let controller = started(as_configured(&super::load(&texts)));
+        let controller = started(with_shipped_limits(&super::load(&texts)));
         assert_eq!(controller.shared("CELL_SUM"), Some(Cell::Int(computed)), "{to}");
     }
 }

@@ -1,4 +1,4 @@
-//! Faults on a walk: one after the other, each drawn with all its details.
+//! The faults of a walk: one after the other, each with random details.
 
 use super::super::cell::Side;
 use super::super::damage;
@@ -8,7 +8,7 @@ use panelprep::eki::Channel;
 use rand::RngExt;
 
 impl Walk {
-    pub(super) fn strike(&mut self) {
+    pub(super) fn inject_fault(&mut self) {
         let draw = &mut self.draw;
         self.faults += 1;
         self.next_fault_ms = self.cell.now_ms
@@ -51,7 +51,7 @@ impl Walk {
             18 => Fault::EStop { for_ms },
             19 => Fault::Guard { for_ms },
             23 if !is_program => {
-                // A request of another client, or one changed by damage: any operation, any number.
+                // A request of another client, or a damaged request: any operation, any number.
                 let operation = draw.random_range(9..13);
                 let number = [i32::MIN, -1, 0, 1_000_000, i32::MAX - 1, i32::MAX][draw.random_range(0..6)];
                 return self.cell.foreign_request(operation, number);
@@ -62,12 +62,12 @@ impl Walk {
             20 => Fault::Mode { to: Mode::T1, for_ms },
             21 => Fault::Deselect { for_ms },
             22 => Fault::Reboot { for_ms },
-            // A person works with another program, with the drives going off and on.
+            // A person works with another program, while the drives are switched off and on.
             23 => {
                 self.home_at_ms = Some(until_ms + 3_000);
                 return self.cell.controller.select_foreign_program();
             }
-            // A client that disconnects before the programs have checked for it.
+            // A client that disconnects before the programs have detected it.
             24 => {
                 let channel = [mock::Channel::Command, mock::Channel::State][draw.random_range(0..2)];
                 if self.cell.controller.connect(channel) {
@@ -78,7 +78,7 @@ impl Walk {
             // A person holds or releases the start key, whatever the program does.
             25 => return self.cell.controller.set_start_key(draw.random_bool(0.5)),
             26..30 => return self.damage(),
-            30 => return self.turn_over(),
+            30 => return self.set_state_number_near_end(),
             31 => return self.cell.controller.set_input(draw.random_range(1..9), draw.random_bool(0.7)),
             32 => return self.cell.controller.fail_channels(until_ms),
             _ => Fault::Stall { for_ms: Some(draw.random_range(100..380)) },
@@ -86,13 +86,13 @@ impl Walk {
         self.cell.controller.apply_fault(fault);
     }
 
-    /// Sends messages that no good client sends.
+    /// Sends messages that a correct client never sends.
     fn damage(&mut self) {
         let (epoch, (received, _)) = (self.cell.controller.epoch(), self.cell.controller.counts());
         self.oracles.strange_epoch = epoch.saturating_add(2);
         let documents = damage::documents(&mut self.draw, epoch, received);
         if documents.len() > 100 {
-            // Without this, the client would end the epoch before the ring is full.
+            // Otherwise the client would end the epoch before the ring buffer is full.
             self.cell.deaf_until_ms = self.cell.now_ms + 350;
         }
         for document in documents {
@@ -103,8 +103,8 @@ impl Walk {
         }
     }
 
-    /// Sets the number of states close to the end of its range.
-    fn turn_over(&mut self) {
+    /// Sets the number of the states close to the end of its range.
+    fn set_state_number_near_end(&mut self) {
         // One less than the last number: the program may be between the check of the number and its increment.
         self.cell.controller.set_shared("CELL_SEQ", i32::MAX - 1 - self.draw.random_range(0..4));
     }

@@ -1,11 +1,11 @@
-//! The findings and counts of a world.
+//! The violations and counts of a world.
 
 use std::collections::BTreeMap;
 
-/// An error, and the judge that found it.
+/// A violated requirement, and the check that found it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Violation {
-    /// The judge's name; two violations with the same judge count as the same violation.
+    /// The name of the check; two violations with the same check are treated as the same violation.
     pub judge: &'static str,
     /// Description of the violation.
     pub what: String,
@@ -14,9 +14,9 @@ pub struct Violation {
 /// The counts of a world.
 #[derive(Debug, Clone, Default)]
 pub struct Counts {
-    /// Faults that struck, by kind and by state of the state machine.
+    /// Number of injected faults, by kind and by state of the state machine.
     pub faults: BTreeMap<(&'static str, &'static str), u64>,
-    /// Number of judgements by each judge.
+    /// Number of executions of each check.
     pub judged: BTreeMap<&'static str, u64>,
     /// Number of visits to each state of the state machine.
     pub places: BTreeMap<&'static str, u64>,
@@ -24,11 +24,11 @@ pub struct Counts {
     pub verdicts: BTreeMap<&'static str, u64>,
     /// Cycles that began.
     pub cycles: u64,
-    /// Number of processes that began.
+    /// Number of processes that were started.
     pub lives: u64,
     /// Power cuts.
     pub cuts: u64,
-    /// Moments at which a power cut was imagined: the program was started on its result, and the world continued.
+    /// Number of simulated power failures: the program was started on the resulting files, and the world continued.
     pub imagined_cuts: u64,
     /// Number of kills of the process.
     pub kills: u64,
@@ -59,7 +59,7 @@ impl Counts {
         self.time_ms += other.time_ms;
     }
 
-    /// Counts one more judgement by this judge.
+    /// Counts one more execution of this check.
     pub fn judged(&mut self, judge: &'static str) {
         *self.judged.entry(judge).or_default() += 1;
     }

@@ -12,19 +12,19 @@ use panelprep::geometry::{Base, Flange, Joints, Panel, Point, Rigid, Tool};
 use panelprep::stages::abrade::deviation_limit_mm;
 use std::collections::VecDeque;
 
-/// Distance from the panel within which the tip must never come in a motion by axes, mm.
+/// Minimum distance of the tip from the panel during an axis motion, mm.
 const MIN_AXIS_MOTION_DISTANCE_MM: f64 = 5.0;
-/// Delay of a state on its way, and of the controller's programs, ms.
-const OVERRIDE_MS: u64 = 300 + 250;
+/// Delay of a state in transit, and of the controller's programs, ms.
+const MAX_OVERRIDE_DELAY_MS: u64 = 300 + 250;
 const MEASURED_MS: u64 = 600;
-/// A contact path ends at once at this multiple of the deviation that a person must review.
+/// Ratio of the deviation at which a contact path ends immediately to the deviation that requires a review.
 const MAX_DEVIATION_FACTOR: f64 = 4.0;
 /// The middle of the panel in its own frame, mm.
 const PANEL_MIDDLE_MM: [f64; 3] = [560.0, 0.0, 360.0];
-/// Number of stored motions by axes.
-const AXIS_MOTIONS: usize = 8;
+/// Number of stored axis motions.
+const STORED_AXIS_MOTION_COUNT: usize = 8;
 
-/// A jog that waits until the arm is at rest.
+/// A jog that waits until the arm is stationary.
 #[derive(Debug, Clone, Copy)]
 pub struct Jog {
     pub percent: u8,
@@ -32,38 +32,38 @@ pub struct Jog {
     pub for_ms: u64,
 }
 
-/// Positions of the arm, and facts about them.
+/// Positions of the arm, and facts about these positions.
 #[derive(Debug, Default)]
 pub struct Places {
     pub jog: Option<Jog>,
-    /// The axis angles before a person jogged the arm, and those to which the person jogged it.
+    /// The axis angles before a person jogged the arm, and the axis angles to which the person jogged it.
     jogged: Option<(Joints, Joints)>,
-    /// The client's motions by axes.
+    /// The axis motions of the client.
     by_axes: VecDeque<(Epoch, CommandId)>,
     joints: Option<Joints>,
-    /// Until this time the controller does not report its override, by a planted mistake.
+    /// Time until which the controller does not report its override, because of an injected error, ms.
     hidden_override_until_ms: u64,
     overridden_since_ms: Option<u64>,
     measured_since_ms: Option<u64>,
 }
 
 impl Places {
-    /// Notes that the client accepts a motion by axes to send.
+    /// Records that the client accepts an axis motion to send.
     pub fn by_axes(&mut self, epoch: Epoch, id: CommandId) {
         self.by_axes.push_back((epoch, id));
-        if self.by_axes.len() > AXIS_MOTIONS {
+        if self.by_axes.len() > STORED_AXIS_MOTION_COUNT {
             self.by_axes.pop_front();
         }
     }
 
-    /// Returns the arm's axis angles before a person jogged it to its present ones.
+    /// Returns the axis angles of the arm before a person jogged it to its present ones.
     pub fn joints_before_jog(&self, now: &Joints) -> Option<Joints> {
         self.jogged.filter(|(_, to)| to == now).map(|(from, _)| from)
     }
 }
 
 impl Inside {
-    /// Returns the controller's fault with this name, except for the part that a planted mistake changes.
+    /// Returns the controller's fault with this name, except for the part that an injected error changes.
     pub(super) fn fault_of(&mut self, text: &str) -> Option<mock::Fault> {
         let fault = script::controller_fault(text).ok()?;
         let now_ms = self.now_ms();
@@ -85,7 +85,7 @@ impl Inside {
         }
     }
 
-    /// Jogs the arm in T1 as a person does who has waited until the arm is at rest.
+    /// Jogs the arm in T1, as a person does after the arm is stationary.
     pub(super) fn jogs(&mut self) {
         let Some(jog) = self.places.jog else { return };
         let (from, to) = (self.cell.controller.joints(), self.jogged_to(jog));
@@ -108,7 +108,7 @@ impl Inside {
         }
     }
 
-    /// Returns the pose to which a person jogs the arm; `None` if the tool would be in the panel.
+    /// Returns the axis positions to which a person jogs the arm; `None` if the tool would be in the panel.
     fn jogged_to(&self, jog: Jog) -> Option<Joints> {
         let (near, park) = (near_panel(f64::from(jog.height_mm))?, Fixture::get().setup.park_pose);
         let share = f64::from(jog.percent.min(100)) / 100.0;
@@ -119,7 +119,7 @@ impl Inside {
         (height_mm > 0.5 || beside_mm > 0.0).then_some(to)
     }
 
-    /// Checks the rules that apply wherever the arm is.
+    /// Checks the requirements that apply wherever the arm is.
     pub(super) fn judge_where(&mut self) {
         let joints = self.cell.controller.joints();
         let before = self.places.joints.replace(joints);
@@ -129,8 +129,8 @@ impl Inside {
         self.judge_measured(moved);
     }
 
-    /// Checks that no motion begins at an unknown pose: in a motion by axes the tip is never near the panel, however
-    /// the arm came to its start.
+    /// Checks that no motion begins at an unknown pose: in an axis motion the tip is never near the panel, however the
+    /// arm came to its start.
     fn judge_axis_motion(&mut self, moved: bool) {
         let controller = &self.cell.controller;
         let under_way = CommandId(controller.counts().1.cast_unsigned() + 1);
@@ -155,7 +155,7 @@ impl Inside {
         let is_other =
             self.cell.controller.override_percent() != 100 || self.now_ms() < self.places.hidden_override_until_ms;
         if !(is_other && self.is_in_contact(moved)) {
-            // Nothing moves between two ticks, so a lack of motion does not reset the time.
+            // Nothing moves between two ticks, so a tick without motion does not reset the time.
             if !is_other || self.cell.controller.is_stopped() || self.height_mm() >= MAX_CONTACT_HEIGHT_MM {
                 self.places.overridden_since_ms = None;
             }
@@ -164,7 +164,7 @@ impl Inside {
         self.counts.judged("no contact at another override");
         let now_ms = self.now_ms();
         let since_ms = *self.places.overridden_since_ms.get_or_insert(now_ms);
-        if now_ms > since_ms + OVERRIDE_MS {
+        if now_ms > since_ms + MAX_OVERRIDE_DELAY_MS {
             let percent = self.cell.controller.override_percent();
             let what =
                 format!("the override is another one ({percent} %), and contact has continued for {since_ms} ms");
@@ -193,7 +193,7 @@ impl Inside {
         }
     }
 
-    /// Returns whether the tip is on the panel and has just moved, with its epoch still open.
+    /// Returns whether the tip is on the panel and has just moved, while its epoch is open.
     fn is_in_contact(&self, moved: bool) -> bool {
         moved && !self.cell.controller.is_stopped() && self.height_mm() < MAX_CONTACT_HEIGHT_MM
     }
@@ -208,7 +208,7 @@ fn above_panel(base_from_flange: &Rigid<Base, Flange>) -> (f64, f64) {
     (fixture.truth().distance_mm(tip), fixture.truth().outline_distance_mm(tip))
 }
 
-/// Returns the axes for the tool at this height above the panel's middle, perpendicular to the panel.
+/// Returns the axis positions for the tool at this height above the panel's middle, perpendicular to the panel.
 fn near_panel(height_mm: f64) -> Option<Joints> {
     let fixture = Fixture::get();
     let truth = fixture.truth();

@@ -1,5 +1,4 @@
-//! Applies the faults, each at its own place: in the link, at the controller, among people, at cameras, disk and
-//! clock.
+//! Injects the faults at their places: in the connection, at the controller, among people, at cameras, disk and clock.
 
 use super::super::disk;
 use super::super::link_cell::Side;
@@ -9,9 +8,9 @@ use super::places::Jog;
 use panelprep::eki::Channel;
 use std::sync::PoisonError;
 
-/// Time after which the cell's own program is selected again if a person worked with another one, ms.
+/// Time after which the cell's own program is selected again after a person worked with another program, ms.
 const HOME_MS: u64 = 3_000;
-/// Time after which an abort that was not obeyed is sent again, ms.
+/// Time after which an abort that was not executed is sent again, ms.
 const ABORT_RETRY_MS: u64 = 300;
 
 impl Inside {
@@ -27,8 +26,8 @@ impl Inside {
         }
     }
 
-    pub(super) fn distrust(&mut self) {
-        // A message or change by another client may have increased the count of epochs by a step.
+    pub(super) fn mark_reports_unreliable(&mut self) {
+        // A message or change by another client may have increased the count of epochs by one.
         let known =
             self.cell.controller.epoch().max(self.cell.session.epoch().map_or(0, |epoch| epoch.0.cast_signed()));
         self.oracles.strange_epoch = self.oracles.strange_epoch.max(known.saturating_add(2));
@@ -53,12 +52,12 @@ impl Inside {
                 tampering.harms.push((to_robot, channel, harm));
             }
             Fault::Lie { channel, name, value, times } => tampering.lies.push((channel, name, value, times)),
-            // A good controller drops these messages, so its reports remain reliable.
+            // An intact controller drops these messages, so its reports remain reliable.
             Fault::Replay(count) => {
                 tampering.replays = count;
                 return;
             }
-            // The controller takes the abort only for a heartbeat.
+            // The controller treats the abort only as a heartbeat.
             Fault::Unheeded(count) => {
                 tampering.unheeded = count;
                 self.oracles.unheeded_ms = u64::from(count) * ABORT_RETRY_MS;
@@ -70,7 +69,7 @@ impl Inside {
             }
         }
         drop(tampering);
-        self.distrust();
+        self.mark_reports_unreliable();
     }
 
     fn strike_cell(&mut self, fault: Fault, now_ms: u64) {
@@ -95,7 +94,7 @@ impl Inside {
             Fault::Foreign { operation, number } => {
                 self.expects_of_foreign(operation);
                 self.cell.foreign_request(operation, number);
-                self.distrust();
+                self.mark_reports_unreliable();
             }
             Fault::ForeignProgram(ms) => {
                 self.home_at_ms = Some(now_ms + ms + HOME_MS);
@@ -141,7 +140,7 @@ impl Inside {
         }
     }
 
-    /// A person has finished work with another program, and selects the cell's own again.
+    /// A person has finished work with another program, and selects the cell's own program again.
     pub(super) fn work_with_another_program(&mut self) {
         if self.home_at_ms.is_some_and(|home_at_ms| self.now_ms() >= home_at_ms) {
             self.home_at_ms = None;
@@ -151,8 +150,8 @@ impl Inside {
     }
 }
 
-/// Returns whether the arm's pose, as the client receives it, may be false: by a lie, or by an inverted bit of a
-/// state.
+/// Returns whether the arm's pose, as the client receives it, may be wrong: because of a wrong value, or an inverted
+/// bit in a state.
 fn may_displace_the_arm(fault: &Fault) -> bool {
     match fault {
         Fault::Lie { channel: 1, name, .. } => matches!(&**name, "X" | "A1"),

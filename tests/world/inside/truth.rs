@@ -1,5 +1,5 @@
-//! The controller's true actions, whatever it and the client report. A cause that must end an epoch ends it, the client
-//! learns of it, and neither of the two keeps a dead link open.
+//! Checks the true actions of the controller, whatever it and the client report: a cause that must end an epoch ends
+//! it, the client is informed of the end, and neither of them keeps a dead connection open.
 
 use super::super::link_cell::TICK_MS;
 use super::Inside;
@@ -8,43 +8,43 @@ use panelprep::eki::{CommandId, Epoch};
 
 /// The operation of the request by which a client ends an epoch.
 const ABORT: i32 = 11;
-/// Time limit for the end of an epoch, by the model and by the programs, whose scheduler may starve them, ms.
+/// Maximum time until an epoch ends, ms: for the model, and below it for the programs, which an overloaded scheduler
+/// may delay.
 const MAX_MODEL_END_MS: u64 = 50;
 const MAX_PROGRAMS_END_MS: u64 = 250;
-/// A condition that lasts at least this long is always detected by the programs, ms.
+/// Minimum duration for which a condition is always detected by the programs, ms.
 const MIN_DETECTED_MS: u64 = 100;
-/// Longest delay of a state, ms: a state comes each 100 ms, and the programs may be late.
+/// Maximum delay of a state, ms: a state is sent every 100 ms, and the programs may be late.
 const MAX_STATE_DELAY_MS: u64 = 250;
-/// Time limit for the client to know that its epoch has ended, ms.
+/// Maximum time until the client knows that its epoch has ended, ms.
 const MAX_KNOWLEDGE_DELAY_MS: u64 = 700;
-/// Longest time until the client closes a silent connection, ms: after a second of silence.
+/// Maximum time until the client closes a silent connection, ms: after a second of silence.
 const MAX_CLIENT_SILENCE_MS: u64 = 1_000 + 50;
-/// Longest time until the controller closes a silent connection, ms: after three seconds of silence.
+/// Maximum time until the controller closes a silent connection, ms: after three seconds of silence.
 const MAX_CONTROLLER_SILENCE_MS: u64 = 3_000 + 400;
-/// Longest duration of a controller's fault with its restart, ms.
+/// Maximum duration of a controller's fault with its restart, ms.
 const MAX_FAULTY_MS: u64 = 6_000;
 
-/// The events at the controller, and the reactions that must follow.
+/// The events at the controller, and the required reactions.
 #[derive(Debug, Default)]
 pub struct Truth {
     must_end: Vec<MustEnd>,
-    /// Time since which the client considers an ended epoch open, ms.
+    /// Time since which the client treats an ended epoch as open, ms.
     unnoticed_since_ms: Option<u64>,
-    /// Until this time the controller may be late with everything, ms.
+    /// Time until which all actions of the controller may be late, ms.
     pub faulty_until_ms: u64,
     /// The last command that sets base or tool.
     frames: Option<(Epoch, CommandId)>,
-    /// The first line of a path that waits to be sent, and the command that sets its base or tool. A controller
-    /// that is started again counts from zero.
+    /// The first line of a path that waits to be sent, and the command that sets its base or tool. A restarted
+    /// controller counts from zero.
     lines: Option<(Epoch, CommandId, CommandId)>,
-    /// Whether bytes to the controller were changed: the bytes behind them may be taken for a part of the same
-    /// message.
+    /// Whether bytes to the controller were changed: the following bytes may be treated as a part of the same message.
     pub is_garbled: bool,
     /// Number of restarts of the controller.
     pub reboots: u32,
 }
 
-/// An epoch that must be ended.
+/// An epoch that must end, with the time limit and the reason.
 #[derive(Debug)]
 struct MustEnd {
     epoch: i32,
@@ -54,12 +54,12 @@ struct MustEnd {
 }
 
 impl Truth {
-    /// Notes that the client accepts a command to send that sets base or tool.
+    /// Records that the client accepts a command to send that sets base or tool.
     pub fn sets_frame(&mut self, epoch: Epoch, id: CommandId) {
         self.frames = Some((epoch, id));
     }
 
-    /// Notes that the client accepts a path to send, the first line of which has this id.
+    /// Records that the client accepts a path to send whose first line has this ID.
     pub fn lines(&mut self, epoch: Epoch, first: CommandId) {
         let set = self.frames.filter(|(of, _)| *of == epoch).map(|(_, id)| id);
         self.lines = set.map(|id| (epoch, first, id));
@@ -67,7 +67,7 @@ impl Truth {
 }
 
 impl Inside {
-    /// Notes the reactions that must follow a fault that the controller is about to have.
+    /// Records the required reactions to a fault that the controller is about to have.
     pub(super) fn expects_of(&mut self, fault: &Fault) {
         let since_ms = self.now_ms().saturating_sub(TICK_MS);
         match fault {
@@ -80,7 +80,7 @@ impl Inside {
                 self.truth.reboots += 1;
                 self.truth.lines = None;
                 if self.counts.lives > 1 {
-                    // The present process may have opened none of the epochs so far, and the count begins anew.
+                    // The present process may have opened none of the earlier epochs, and the count begins again.
                     self.oracles.epochs_begin_anew();
                 }
             }
@@ -91,26 +91,26 @@ impl Inside {
             _ => {}
         }
         if !matches!(fault, Fault::EStop { .. } | Fault::Guard { .. } | Fault::Drives { .. }) {
-            // The controller may have stopped before it could react to a condition that was to end the epoch.
+            // The controller may have been stopped before it could react to a condition that had to end the epoch.
             self.truth.must_end.retain(|must| must.by_ms < since_ms);
         }
         self.truth.faulty_until_ms = self.truth.faulty_until_ms.max(self.now_ms() + MAX_FAULTY_MS);
     }
 
-    /// Returns whether a condition of this duration is detected: the programs check for it in each cycle of an
-    /// interpreter that may be starved.
+    /// Returns whether a condition of this duration is detected: the programs check it in each cycle of an interpreter,
+    /// which may be delayed.
     fn is_seen(&self, for_ms: Option<u64>) -> bool {
         self.cell.controller.robot_state().is_none() || for_ms.is_none_or(|for_ms| for_ms >= MIN_DETECTED_MS)
     }
 
-    /// Notes the reactions that must follow another client's request to the controller.
+    /// Records the required reactions to a request of another client to the controller.
     pub(super) fn expects_of_foreign(&mut self, operation: i32) {
         if operation == ABORT && self.now_ms() > self.truth.faulty_until_ms && !self.truth.is_garbled {
             self.must_end("an abort".to_owned());
         }
     }
 
-    /// Notes that the open epoch of client and controller must end.
+    /// Records that the open epoch of client and controller must end.
     fn must_end(&mut self, why: String) {
         // The controller's clock advances in ticks.
         let (controller, since_ms) = (&self.cell.controller, self.now_ms().saturating_sub(TICK_MS));
@@ -145,7 +145,7 @@ impl Inside {
         }
     }
 
-    /// Checks that a client that receives the controller's states does not consider an epoch open that the controller
+    /// Checks that a client that receives the controller's states does not treat an epoch as open that the controller
     /// has ended.
     fn judge_knowledge(&mut self) {
         let controller = &self.cell.controller;
@@ -164,7 +164,7 @@ impl Inside {
         }
     }
 
-    /// Checks that a client that receives nothing does not consider itself connected.
+    /// Checks that a client that receives nothing does not treat itself as connected.
     fn judge_silence(&mut self) {
         if let Some(silence_ms) = self.cell.silence_ms() {
             self.counts.judged("a silent link");
@@ -174,7 +174,7 @@ impl Inside {
         }
     }
 
-    /// Checks that a controller that no client reaches does not reserve its connection for a client that may be gone.
+    /// Checks that a controller without messages from its client does not keep the connection reserved for this client.
     pub(super) fn judge_places(&mut self) {
         let Some(unreached_ms) = self.cell.unreached_ms() else { return };
         self.counts.judged("the place of a client");

@@ -2,124 +2,124 @@
 
 use super::{Mutation, change};
 
-const EXECUTE: &str = "src/cell/cycle/execute.rs";
-const FACTS: &str = "src/cell/cycle/facts.rs";
-const INTERLOCKS: &str = "src/cell/cycle/interlocks.rs";
-const REST: &str = "src/cell/cycle/step.rs";
-const STEP: &str = "src/cell/cycle/step.rs";
-const TURN: &str = "src/cell/cycle/turn.rs";
+const EXECUTE_SOURCE_PATH: &str = "src/cell/cycle/execute.rs";
+const FACTS_SOURCE_PATH: &str = "src/cell/cycle/facts.rs";
+const INTERLOCKS_SOURCE_PATH: &str = "src/cell/cycle/interlocks.rs";
+const REST_SOURCE_PATH: &str = "src/cell/cycle/step.rs";
+const STEP_SOURCE_PATH: &str = "src/cell/cycle/step.rs";
+const TURN_SOURCE_PATH: &str = "src/cell/cycle/turn.rs";
 
 pub(super) const ALL: [Mutation; 18] = [
     change(
         "an epoch that the link ends while the cell is reset or cleared is taken for open",
-        STEP,
+        STEP_SOURCE_PATH,
         "if self.rules.is_active(Rule::LinkEndsEpoch) {",
         "if self.rules.is_active(Rule::LinkEndsEpoch) && !matches!(self.state.at, At::Resetting | At::Clearing { .. }) {",
     ),
     change(
         "a start with tool or water that may run is Stopped",
-        REST,
+        REST_SOURCE_PATH,
         "(None, _) if before.facts.tool_may_run || before.facts.water_may_run => {",
         "(None, _) if before.facts.tool_may_run && before.facts.water_may_run => {",
     ),
     change(
         "a start with an open motion is Stopped",
-        REST,
+        REST_SOURCE_PATH,
         "(Some(_), _) => At::Aborted { cause: Cause::Interrupted },",
         "(Some(_), _) => At::Stopped,",
     ),
     change(
         "a start forgets an abort that no person cleared",
-        REST,
+        REST_SOURCE_PATH,
         "(_, At::Aborting { cause, .. } | At::Aborted { cause } | At::Clearing { cause }) => At::Aborted { cause },",
         "(_, At::Aborting { cause, .. }) => At::Aborted { cause },",
     ),
     change(
         "the tool is switched on without extraction",
-        INTERLOCKS,
+        INTERLOCKS_SOURCE_PATH,
         "vec![full_override, epoch, drained, extraction, at_approach],",
         "vec![full_override, epoch, drained, at_approach],",
     )
     .and(
-        INTERLOCKS,
+        INTERLOCKS_SOURCE_PATH,
         "vec![full_override, epoch, drained, extraction, token, at_approach, pad, running]",
         "vec![full_override, epoch, drained, token, at_approach, pad, running]",
     ),
     change(
         "water runs while the lens is open",
-        INTERLOCKS,
+        INTERLOCKS_SOURCE_PATH,
         "tool_off, (R::LensGuarded, N::LensGuarded)]",
         "tool_off]",
     ),
     change(
         "a 3D shot does not ask for a parked arm",
-        INTERLOCKS,
+        INTERLOCKS_SOURCE_PATH,
         "vec![dry_air, parked, dark, clear],",
         "vec![dry_air, dark, clear],",
     ),
     change(
         "a 3D shot does not ask for the light to be off",
-        INTERLOCKS,
+        INTERLOCKS_SOURCE_PATH,
         "Action::Locate => vec![dry_air, parked, dark, clear],",
         "Action::Locate => vec![dry_air, parked, clear],",
     ),
     change(
         "what is known of the cell outlives a robot that is not ready",
-        STEP,
+        STEP_SOURCE_PATH,
         "self.state.facts.forget();",
         "self.state.facts.standing = false;",
     ),
     change(
         "a robot that is not ready does not end what is going on",
-        STEP,
+        STEP_SOURCE_PATH,
         "_ => self.abort(Cause::Robot(robot)),",
         "_ => {}",
     ),
     change(
         "an abort does not conclude the cycle",
-        STEP,
+        STEP_SOURCE_PATH,
         "pub fn aborted(&mut self, cause: Cause) {\n        self.conclude(Verdict::Aborted);",
         "pub fn aborted(&mut self, cause: Cause) {",
     ),
     change(
         "a localization outlives a hold",
-        EXECUTE,
+        EXECUTE_SOURCE_PATH,
         "self.state.job.verified = 0;\n        self.facts().token = None;",
         "self.state.job.verified = 0;",
     ),
     change(
         "water that was switched on is not remembered as what may run",
-        FACTS,
+        FACTS_SOURCE_PATH,
         "(self.water, self.water_may_run) = (Water::Unknown, true),",
         "self.water = Water::Unknown,",
     ),
     change(
         "a cycle makes one pass more than it may",
-        EXECUTE,
+        EXECUTE_SOURCE_PATH,
         "self.state.job.pass < self.state.job.max_passes ||",
         "self.state.job.pass <= self.state.job.max_passes ||",
     ),
     change(
         "the arm does not retract behind a contact path",
-        EXECUTE,
+        EXECUTE_SOURCE_PATH,
         "Path::Contact | Path::Air) => self.state.at = At::Execute(Phase::Retract),",
         "Path::Contact | Path::Air) => self.state.at = At::Execute(Phase::Rinse),",
     ),
     change(
         "what a contact path did is not graded",
-        EXECUTE,
+        EXECUTE_SOURCE_PATH,
         "if self.rules.is_active(Rule::AssessFirst) { Phase::Assess { left } } else { otherwise }",
         "if self.rules.is_active(Rule::AssessFirst) && left { Phase::Assess { left } } else { otherwise }",
     ),
     change(
         "a motion begins before it is on the record",
-        TURN,
+        TURN_SOURCE_PATH,
         "self.effects.push(Effect::OpenIntent(motion));",
         "",
     ),
     change(
         "a stop leaves the cycle without its end",
-        STEP,
+        STEP_SOURCE_PATH,
         "self.conclude(if review { Verdict::Review } else { Verdict::Aborted });",
         "if review {\n            self.conclude(Verdict::Review);\n        }",
     ),

@@ -1,9 +1,9 @@
-//! Changes of the product's sources that a world must find: mistakes that a person who works on them might make. The
-//! bench `mutations` makes each change, builds the world and runs it. Each change names text that its file contains
-//! exactly once, which `list.rs` checks.
+//! Changes of the product's sources that a world must detect: errors that a person who works on the sources might make.
+//! The bench `mutations` makes each change, builds the world and runs it. Each change names a text that its file
+//! contains exactly once, which `list.rs` checks.
 //!
-//! Not here: parts that no world has (the socket, pages, the names of recordings, inputs, supervision, a compliant
-//! tool), and mistakes that are planted while a world runs (`sabotage`).
+//! Not included: parts that no world has (the socket, pages, the names of recordings, inputs, supervision, a compliant
+//! tool), and errors that are injected while a world runs (`sabotage`).
 
 mod controller;
 mod cycle;
@@ -12,29 +12,29 @@ mod link;
 mod programs;
 mod store;
 
-/// A change of the sources that breaks a rule.
+/// A change of the sources that violates a requirement.
 #[derive(Debug, Clone, Copy)]
 pub struct Mutation {
-    /// The rule that is broken.
+    /// The violated requirement.
     pub name: &'static str,
     /// The changed text.
     pub edit: Edit,
-    /// A second change that belongs to it.
+    /// A second change that belongs to the first.
     pub beside: Option<Edit>,
-    /// The first seed, and the step to the next one: only some worlds execute the controller's programs.
+    /// The first seed, and the step to the next seed, because only some worlds execute the controller's programs.
     pub seeds: (u64, u64),
-    /// The reason why no world finds the mutation, if it is known.
+    /// The reason why no world detects the mutation, if this is the case.
     pub not_found: Option<&'static str>,
 }
 
 /// A replacement of one text by another.
 #[derive(Debug, Clone, Copy)]
 pub struct Edit {
-    /// The file, relative to the repository's folder.
+    /// The path of the file, relative to the repository's folder.
     pub file: &'static str,
-    /// The text that the file contains exactly once.
+    /// The shipped text, which the file contains exactly once.
     pub ships: &'static str,
-    /// The text that replaces it.
+    /// The text that replaces the shipped text.
     pub changed: &'static str,
 }
 
@@ -55,12 +55,12 @@ impl Mutation {
         Mutation { beside: Some(Edit { file, ships, changed }), ..self }
     }
 
-    /// Marks a mutation of the controller's programs, which only one of eight worlds executes.
+    /// Marks a mutation of the controller's programs, which only one in eight worlds executes.
     const fn of_programs(self) -> Self {
         Mutation { seeds: (5, 8), ..self }
     }
 
-    /// Marks a mutation that no world finds, with the reason.
+    /// Marks a mutation that no world detects, with the reason.
     const fn not_found(self, why: &'static str) -> Self {
         Mutation { not_found: Some(why), ..self }
     }

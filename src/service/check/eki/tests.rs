@@ -1,4 +1,4 @@
-//! Files as people write them: those of this program, and one for each style of other authors.
+//! Tests with EthernetKRL files of this program, and with one example of each style of other authors.
 
 use super::*;
 use crate::check::{FileReport, check_file, check_files};
@@ -6,7 +6,7 @@ use crate::check::{FileReport, check_file, check_files};
 const COMMANDS: &str = include_str!("../../../../config/kuka/CELLCMD.xml");
 const STATE: &str = include_str!("../../../../config/kuka/CELLSTAT.xml");
 
-/// Returns a correct channel with these lines added to INTERNAL (line 4), RECEIVE (line 6) and SEND (line 8).
+/// Returns a valid channel with these lines added to INTERNAL (line 4), RECEIVE (line 6) and SEND (line 8).
 fn file(internal: &str, receive: &str, send: &str) -> String {
     format!(
         "<ETHERNETKRL>\n<CONFIGURATION>\n<EXTERNAL><TYPE>Client</TYPE></EXTERNAL>\n<INTERNAL>{internal}</INTERNAL>\n\
@@ -18,7 +18,7 @@ const INTERNAL: &str = "<ENVIRONMENT>Submit</ENVIRONMENT><BUFFERING Limit=\"512\
                         <IP>172.31.1.147</IP><PORT>54600</PORT>";
 const RECEIVE: &str = "<XML><ELEMENT Tag=\"A/@B\" Type=\"INT\"/><ELEMENT Tag=\"A\" Set_Flag=\"2\"/></XML>";
 
-/// Returns the entries of a list as `line key: message`; the tests compare how they begin.
+/// Returns the entries of a list as `line key: message`; the tests compare the beginnings of these texts.
 fn lines(list: &[Problem]) -> Vec<String> {
     list.iter().map(|problem| format!("{} {}: {}", problem.line, problem.key, problem.message)).collect()
 }
@@ -60,7 +60,7 @@ fn the_programs_own_files_are_correct_and_described() {
     expect(&file(INTERNAL, RECEIVE, ""), &[], &[]);
 }
 
-/// The smallest possible file: everything is a default, and each default is a pitfall.
+/// The smallest possible file: every property has its default value, and each default is a pitfall.
 #[test]
 fn defaults_are_reported() {
     let report = expect(
@@ -90,7 +90,7 @@ fn defaults_are_reported() {
     );
 }
 
-/// A typical file of a streaming driver: UDP, a placeholder as the address, and a channel that ends with the program.
+/// A typical file for a streaming driver: UDP, a placeholder as the address, and a channel that ends with the program.
 #[test]
 fn a_placeholder_address_and_udp_are_reported() {
     let internal = "<ENVIRONMENT>Program</ENVIRONMENT><BUFFERING Mode=\"FIFO\" Limit=\"512\"/>\n<ALIVE Set_Flag=\"1\" Ping=\"200\"/>\
@@ -218,7 +218,7 @@ fn a_file_without_a_channel_is_reported() {
     expect(&deep, &["1 : not XML: elements are nested more than 32 levels deep"], &[]);
 }
 
-/// Unknown elements, names with other capital letters, and comments as in a data list: they are read and reported.
+/// Unknown elements, names in other capitals, and comments as in a data list are read and reported.
 #[test]
 fn the_nearest_known_name_is_suggested_for_unknown_names() {
     let internal =
@@ -278,8 +278,8 @@ fn each_element_is_checked() {
     assert!(report.descriptions.contains(&rises), "{:?}", report.descriptions);
 }
 
-/// Two child elements of an element with a flag: the flag is set when both have arrived. Then an element beside that
-/// element, which the flag does not cover.
+/// The flag of an element with two child elements is set when both have arrived. It does not cover a further element
+/// outside of that element.
 #[test]
 fn a_flag_of_an_element_with_all_data_is_enough() {
     let receive = "<XML><ELEMENT Tag=\"A/C/@N\" Type=\"INT\"/><ELEMENT Tag=\"A/C/P\" Type=\"FRAME\"/>\
@@ -300,8 +300,8 @@ fn a_flag_of_an_element_with_all_data_is_enough() {
     );
 }
 
-/// Records of bytes; a controller that connects as a client; two root elements that are sent, with the text and an
-/// attribute of one element.
+/// Records of bytes; a controller that connects as a client; two root elements to send, one with a text and an
+/// attribute.
 #[test]
 fn other_kinds_of_channel_are_described() {
     let says = |text: &str| check_file("x/y\\B.xml", text).descriptions;
@@ -361,7 +361,7 @@ fn files_of_one_controller_are_compared() {
     assert_begins(&lines(&reports[1].problems), &["1 : a/ONE.xml also defines the channel ONE"], COMMANDS);
 }
 
-/// A flag number from a real project, 2,688: it is outside of the manual's range, and only this is reported.
+/// The flag number 2,688, taken from a real project, is out of the manual's range; it is reported once.
 #[test]
 fn a_flag_number_out_of_range_is_reported_once() {
     let flags = |number: &str| {
@@ -380,7 +380,7 @@ fn a_flag_number_out_of_range_is_reported_once() {
     assert_eq!(flags("1024"), [Vec::<String>::new(), vec![]]);
 }
 
-/// One channel has the address of another network: the controller opens the channel on that adapter, or not at all.
+/// One channel has an address in another network: the controller opens this channel on that adapter, or not at all.
 #[test]
 fn channels_at_two_addresses_are_reported() {
     let address = "<IP>172.31.1.147</IP>";

@@ -1,4 +1,4 @@
-//! The cameras of the service, for a command of the program.
+//! The client of the service's cameras, for commands of this program.
 
 use super::super::protocol::request_line;
 use super::super::request::{Reply, RequestKind};
@@ -15,15 +15,16 @@ use std::os::unix::net::UnixStream;
 use std::path::PathBuf;
 use std::time::Duration;
 
-/// Maximum time to wait for a response. The service itself reports within this time that a camera no longer delivers.
+/// Maximum time to wait for a response. Within this time, the service itself reports a camera that has stopped
+/// delivering.
 const RESPONSE_TIMEOUT: Duration = Duration::from_secs(120);
-/// Largest header, and largest shot (100 million points), in bytes.
+/// Maximum size of a header, and below it of a shot (100 million points), bytes.
 const MAX_HEAD_BYTES: u64 = 64 * 1_024;
 const MAX_SHOT_BYTES: usize = 2_000_000_000;
 
 type Connection = BufReader<UnixStream>;
 
-/// The service's 3D camera.
+/// The service's 3D camera, used over the service's socket.
 #[derive(Debug)]
 pub struct RemoteScanner {
     socket: PathBuf,
@@ -31,7 +32,7 @@ pub struct RemoteScanner {
     conditions: Conditions,
 }
 
-/// The service's flange camera.
+/// The service's flange camera, used over the service's socket.
 #[derive(Debug)]
 pub struct BorrowedFlangeCamera {
     socket: PathBuf,
@@ -39,14 +40,14 @@ pub struct BorrowedFlangeCamera {
 }
 
 impl RemoteScanner {
-    /// Creates the camera of the service that answers at this socket.
+    /// Creates a client for the 3D camera of the service at this socket.
     pub fn new(socket: PathBuf) -> Self {
         RemoteScanner { socket, film: None, conditions: Conditions::default() }
     }
 }
 
 impl BorrowedFlangeCamera {
-    /// Creates the camera of the service that answers at this socket.
+    /// Creates a client for the flange camera of the service at this socket.
     pub fn new(socket: PathBuf) -> Self {
         BorrowedFlangeCamera { socket, conditions: Conditions::default() }
     }
@@ -77,7 +78,7 @@ fn head(connection: &mut Connection) -> Result<ShotHeader, CameraError> {
         }
         Ok(ShotHeader::Failed { reasons }) => Err(connection_error(describe_reasons(&reasons))),
         Ok(sent) => Ok(sent),
-        // A request that was refused before it reached the cameras has a normal reply of the service.
+        // If the service refused the request before it reached the cameras, it sends an ordinary reply.
         Err(error) => match serde_json::from_slice::<Reply>(&line) {
             Ok(reply) => Err(connection_error(describe_reasons(&reply.reasons))),
             Err(_) => Err(connection_error(format!("the response of the service cannot be decoded: {error}"))),
@@ -92,7 +93,8 @@ fn describe_reasons(reasons: &[panelprep_base::verdict::Reason]) -> String {
 fn body(connection: &mut Connection, bytes: usize) -> Result<Vec<u8>, CameraError> {
     if bytes > MAX_SHOT_BYTES {
         return Err(connection_error(format!(
-            "the service announced a shot of {bytes} bytes (limit {MAX_SHOT_BYTES} bytes)"
+            "the header from the service states a shot of {bytes} bytes (limit {MAX_SHOT_BYTES} bytes); use the same \
+             version of the program for the service and the command"
         )));
     }
     let mut body = Vec::new();
@@ -119,7 +121,8 @@ fn unexpected_header_error(sent: &ShotHeader) -> CameraError {
         ShotHeader::Ended { .. } => "the end of a film",
         ShotHeader::Failed { .. } => "a failure",
     };
-    connection_error(format!("{what} was received, but something else was requested"))
+    connection_error(format!("the service sent {what}, which was not requested; use the same version of the program \
+                              for the service and the command"))
 }
 
 impl Scanner for RemoteScanner {
@@ -180,7 +183,7 @@ impl Scanner for RemoteScanner {
         loop {
             match head(&mut film)? {
                 ShotHeader::Ended { dropped } => return Ok(dropped),
-                // The picture was already being sent.
+                // The client requested the end of the film while this picture was already being sent.
                 ShotHeader::Picture { width_px, height_px, .. } => {
                     drop(read_colors(&mut film, width_px, height_px)?)
                 }

@@ -1,5 +1,5 @@
-//! The service's cameras: which client uses them, a picture of a lent camera with the conditions that the camera
-//! reports, and a connection that requests shots.
+//! The service's cameras: the client that uses them, captured pictures with the conditions that the camera reports, and
+//! the server side of a connection that requests shots.
 
 use super::request::{ShotHeader, ShotRequest};
 use crate::daemon::ports::{CameraAnswer, CameraCommand, CameraFault, CameraPort as _, Cameras, LastState, Port};
@@ -15,10 +15,10 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// The cell's cameras, of any type.
+/// The cell's cameras, with any driver.
 pub type AllCameras = Cameras<Box<dyn Scanner>, Box<dyn FlangeCamera>>;
 
-/// Longest time that a request for a shot waits until another request has ended.
+/// Maximum time that a request for a shot waits until another request has ended.
 const LEND_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// The reason code for a refused shot while the cell works.
@@ -26,36 +26,36 @@ pub(super) const AT_WORK_CODE: &str = "at_work";
 
 pub(super) struct Inside {
     pub(super) cameras: AllCameras,
-    /// A client records a film.
+    /// Whether a client is recording a film.
     pub(super) films: bool,
 }
 
-/// The service's cameras. All clones share the same cameras.
+/// The service's cameras. Clones share the same cameras.
 #[derive(Clone)]
 pub struct SharedCameras(Arc<Shared>);
 
 struct Shared {
     inside: Mutex<Inside>,
     last: LastState,
-    /// Whether the cell rests without a cycle.
+    /// Whether the cell is idle, without a cycle.
     is_at_rest: AtomicBool,
     is_lent: AtomicBool,
 }
 
 impl SharedCameras {
-    /// Shares these cameras of a cell; `last` is the last state of its robot.
+    /// Shares the cameras of a cell; `last` is the last state of its robot.
     pub fn new(cameras: AllCameras, last: LastState) -> Self {
         let (rests, is_lent) = (AtomicBool::new(false), AtomicBool::new(false));
         let inside = Mutex::new(Inside { cameras, films: false });
         SharedCameras(Arc::new(Shared { inside, last, is_at_rest: rests, is_lent }))
     }
 
-    /// Records the present state of the cell.
+    /// Records whether the cell is idle in this state.
     pub(in crate::daemon) fn set_cell_state(&self, state: &State) {
         self.0.is_at_rest.store(state.at.is_at_rest() && !state.job.running, Ordering::Relaxed);
     }
 
-    /// Reserves the cameras for an operation of the cell: they are not lent until the cell's state is reported again.
+    /// Reserves the cameras for an operation of the cell: they are not lent until the next report of the cell's state.
     pub(in crate::daemon) fn reserve(&self) {
         self.0.is_at_rest.store(false, Ordering::Relaxed);
     }
@@ -64,29 +64,28 @@ impl SharedCameras {
         self.0.inside.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Uses the cameras for the loop; ends a film that is lent to a client first.
+    /// Uses the cameras for the loop. If a client is recording a film, the film is ended first.
     fn with_cameras<T>(&self, act: impl FnOnce(&mut AllCameras) -> T) -> T {
         let mut inside = self.lock();
         if std::mem::take(&mut inside.films) {
             #[expect(
                 clippy::let_underscore_must_use,
-                reason = "the client that records the film receives the answer that the cell is at work"
+                reason = "the film of a client was ended, because the cell needs the camera"
             )]
             let _ = inside.cameras.scanner.end_clip();
         }
         act(&mut inside.cameras)
     }
 
-    /// Lends the cameras, or returns the reason if this is not possible. Waits for a short time, since a connection
-    /// that has just sent the last byte of a shot may not have returned the cameras yet.
+    /// Lends the cameras to a client, or returns the reason why this is not possible. Waits for a short time, because a
+    /// connection that has just sent the last byte of a shot may not have returned the cameras yet.
     pub(super) fn lend(&self) -> Result<CameraLease<'_>, Reason> {
         let since = Instant::now();
         while self.0.is_lent.swap(true, Ordering::Acquire) {
             if since.elapsed() > LEND_TIMEOUT {
                 return Err(Reason::new(
                     "busy",
-                    "another client is taking pictures now; try again when it has \
-                                                finished",
+                    "another client is capturing pictures now; try again when it has finished",
                 ));
             }
             thread::sleep(Duration::from_millis(2));
@@ -94,7 +93,7 @@ impl SharedCameras {
         Ok(CameraLease(self))
     }
 
-    /// Returns the positions of the axes while the arm is at rest and its state is recent.
+    /// Returns the positions of the axes if the arm is stationary and its state is recent.
     pub(in crate::daemon) fn resting_joints(&self) -> Option<Joints> {
         self.0.last.resting_joints()
     }
@@ -109,7 +108,7 @@ impl std::fmt::Debug for SharedCameras {
     }
 }
 
-/// The cameras, lent to a client until this is dropped.
+/// The cameras while they are lent to a client; dropping this value returns them.
 pub(super) struct CameraLease<'a>(&'a SharedCameras);
 
 impl Drop for CameraLease<'_> {
@@ -119,16 +118,16 @@ impl Drop for CameraLease<'_> {
 }
 
 impl CameraLease<'_> {
-    /// Locks the cameras, whether or not the cell still rests.
+    /// Locks the cameras, whether or not the cell is still idle.
     pub(super) fn lock(&self) -> MutexGuard<'_, Inside> {
         self.0.lock()
     }
 
-    /// Returns the cameras for one shot, or for one picture of a film, if the cell is still at rest.
+    /// Returns the cameras for one shot, or for one picture of a film, if the cell is still idle.
     pub(super) fn cameras(&self) -> Result<MutexGuard<'_, Inside>, Reason> {
         let inside = self.0.lock();
-        // Checked after the cameras are locked: if the loop needs them later, it waits for the lock until this shot has
-        // ended.
+        // Checked after the cameras are locked: if the loop needs the cameras after this check, it waits until this
+        // shot has ended.
         if self.0.0.is_at_rest.load(Ordering::Relaxed) {
             return Ok(inside);
         }
@@ -142,7 +141,7 @@ impl Port<CameraCommand> for SharedCameras {
     }
 }
 
-/// A camera of the cell.
+/// One of the two cameras of the cell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::daemon) enum CameraEye {
     /// The fixed 3D camera.
@@ -151,20 +150,20 @@ pub(in crate::daemon) enum CameraEye {
     Flange,
 }
 
-/// A picture from a camera.
+/// A picture captured by one of the cameras.
 #[derive(Debug, Clone, PartialEq)]
-pub(in crate::daemon) struct TakenPicture {
+pub(in crate::daemon) struct CapturedPicture {
     /// The picture.
     pub picture: ColorPicture,
-    /// The time of the picture on the camera's clock, s.
+    /// The time of the picture on the clock of the camera, s.
     pub time_s: f64,
-    /// The conditions of the shot that the camera reports.
+    /// The conditions of the shot, as the camera reports them.
     pub conditions: Conditions,
 }
 
 impl CameraLease<'_> {
-    /// Takes a picture if the cell is still at rest.
-    pub(super) fn capture(&self, eye: CameraEye) -> Result<TakenPicture, Reason> {
+    /// Captures a picture if the cell is still idle.
+    pub(super) fn capture(&self, eye: CameraEye) -> Result<CapturedPicture, Reason> {
         let cameras = &mut self.cameras()?.cameras;
         let failed = |error: CameraError| Reason::new("camera", error.to_string());
         let (picture, time_s, conditions) = match eye {
@@ -177,12 +176,12 @@ impl CameraLease<'_> {
                 (shot.picture, shot.time_s, cameras.flange.conditions())
             }
         };
-        Ok(TakenPicture { picture, time_s, conditions })
+        Ok(CapturedPicture { picture, time_s, conditions })
     }
 }
 
 impl SharedCameras {
-    /// Checks whether both cameras answer, if the cell is at rest and no other client uses them; returns the problems
+    /// Checks whether both cameras answer, if the cell is idle and no other client uses them. Returns the problems
     /// found.
     pub(in crate::daemon) fn check_cameras(&self) -> Option<Vec<Reason>> {
         let lent = self.lend().ok()?;
@@ -190,16 +189,16 @@ impl SharedCameras {
         Some(faults.into_iter().map(|fault| Reason::new("camera", fault.to_string())).collect())
     }
 
-    /// Takes a picture between cycles; the calling thread waits for the camera.
+    /// Captures a picture between cycles; blocks until the camera delivers the picture.
     ///
     /// # Errors
-    /// If the cell is at work, another client uses the cameras, or the camera delivers no picture.
-    pub(in crate::daemon) fn capture(&self, eye: CameraEye) -> Result<TakenPicture, Reason> {
+    /// If a cycle is running, another client uses the cameras, or the camera delivers no picture.
+    pub(in crate::daemon) fn capture(&self, eye: CameraEye) -> Result<CapturedPicture, Reason> {
         self.lend()?.capture(eye)
     }
 }
 
-/// Time limit for a client to accept the data that is sent to it.
+/// Maximum time for a client to accept the data that is sent to it.
 const CLIENT_TIMEOUT: Duration = Duration::from_secs(10);
 /// Time for which the service waits, before each picture of a film, for the client's request to end the film.
 const END_POLL_TIMEOUT: Duration = Duration::from_millis(2);
@@ -208,9 +207,9 @@ const MAX_PICTURES_PER_SECOND: f64 = 100.0;
 
 /// The reason why a connection ends before its normal end.
 enum ConnectionEnd {
-    /// The reason is reported to the client.
+    /// The service refuses the shot; the reasons are sent to the client.
     Refused(Vec<Reason>),
-    /// The client has disconnected and receives no report.
+    /// The client has disconnected; nothing can be sent to it.
     HungUp,
 }
 
@@ -232,8 +231,7 @@ impl From<CameraError> for ConnectionEnd {
     }
 }
 
-/// Takes the requested shots and sends them, until the client has received all of them or the cell is no longer at
-/// rest.
+/// Captures the requested shots and sends them, until the client has received all of them or a cycle starts.
 pub fn serve(mut stream: UnixStream, request: ShotRequest, cameras: &SharedCameras) {
     let sent = serve_shots(&mut stream, request, cameras);
     if let Err(ConnectionEnd::Refused(reasons)) = sent {
@@ -269,7 +267,7 @@ fn serve_shots(
 }
 
 fn serve_one(stream: &mut UnixStream, lent: &CameraLease<'_>, eye: CameraEye) -> Result<(), ConnectionEnd> {
-    let TakenPicture { picture: taken, time_s, conditions } = lent.capture(eye)?;
+    let CapturedPicture { picture: taken, time_s, conditions } = lent.capture(eye)?;
     Ok(picture(stream, &taken, (time_s, conditions))?)
 }
 
@@ -288,8 +286,8 @@ fn film(stream: &mut UnixStream, pictures_per_second: f64, lent: &CameraLease<'_
         time_s
     };
     let sent = pictures(stream, time_s, lent);
-    // The camera's clip must be ended however the film ended, unless the loop has ended it already: the next shot needs
-    // the camera in its normal mode.
+    // The clip of the camera must be ended however the film ended, unless the loop has already ended it: the next shot
+    // needs the camera in its normal mode.
     let dropped = {
         let mut inside = lent.lock();
         std::mem::take(&mut inside.films).then(|| inside.cameras.scanner.end_clip())

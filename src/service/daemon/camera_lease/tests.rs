@@ -1,4 +1,4 @@
-//! Tests both ends of a connection that requests shots, with a real socket between them.
+//! Tests the client and the service of the cameras over a real socket.
 
 use super::super::protocol::read_request;
 use super::super::request::RequestKind;
@@ -22,7 +22,7 @@ use std::time::Duration;
 const CONDITIONS: Conditions =
     Conditions { exposure_us: Some(10_000.0), camera_c: Some(41.5), throttled_ms: Some(0.0) };
 
-/// Numbers of the requests to the cameras.
+/// Number of calls of each function of the fake cameras.
 #[derive(Default)]
 struct Counts {
     pictures: AtomicU64,
@@ -52,7 +52,7 @@ impl Scanner for FakeScanner {
 
     fn next_clip_picture(&mut self) -> Result<Option<Picture>, CameraError> {
         let number = self.0.pictures.fetch_add(1, Ordering::Relaxed);
-        // In every second call, no picture is due.
+        // Only every second call returns a picture.
         let due = number % 2 == 1;
         let picture = ColorPicture::uniform(3, 2, [number as u8; 3]);
         Ok(due.then_some(Picture { picture, time_s: number as f64 }))
@@ -86,7 +86,7 @@ impl FlangeCamera for FakeFlange {
     }
 }
 
-/// The cameras of a service that answers on a socket.
+/// Test bench: a camera service on a socket, with fake cameras.
 struct Bench {
     cameras: SharedCameras,
     last: LastState,
@@ -154,7 +154,7 @@ fn shots_are_transferred_unchanged() {
     assert_eq!((taken.picture.width, taken.picture.rgb[5], taken.time_s), (3, [5, 10, 15], 1.0));
 }
 
-/// The operator's page takes one picture at a time, and only while the cell rests.
+/// The operator's page captures one picture at a time, and only while no cycle is running.
 #[test]
 fn a_picture_is_taken_while_the_cell_rests_and_not_in_a_cycle() {
     let bench = Bench::new();
@@ -179,12 +179,12 @@ fn the_axes_are_reported_only_while_the_arm_is_at_rest() {
     let bench = Bench::new();
     assert_eq!(bench.cameras.resting_joints(), None, "no robot has said where it stands");
     let joints = Joints::from([0.0, -90.0, 90.0, 0.0, 0.0, 0.0]);
-    bench.last.is(Some(&eki::State { joints, ..standing_state() }));
+    bench.last.set(Some(&eki::State { joints, ..standing_state() }));
     assert_eq!(bench.cameras.resting_joints(), Some(joints));
-    bench.last.is(Some(&eki::State { joints, moving: true, ..standing_state() }));
+    bench.last.set(Some(&eki::State { joints, moving: true, ..standing_state() }));
     assert_eq!(bench.cameras.resting_joints(), None, "it moves");
-    bench.last.is(Some(&eki::State { joints, ..standing_state() }));
-    bench.last.is(None);
+    bench.last.set(Some(&eki::State { joints, ..standing_state() }));
+    bench.last.set(None);
     assert_eq!(bench.cameras.resting_joints(), None, "the link is lost");
 }
 
@@ -204,7 +204,7 @@ fn a_film_lasts_until_the_client_ends_it() {
     assert!(scanner.capture_3d().is_ok(), "the cameras are free again");
 }
 
-/// If a client disconnects, its film ends too.
+/// If a client disconnects, the service ends its film.
 #[test]
 fn a_film_ends_if_its_client_disconnects() {
     let bench = Bench::new();
@@ -240,7 +240,7 @@ fn a_cycle_ends_the_film_of_a_client() {
     bench.rests();
     assert!(bench.scanner().capture_3d().is_ok());
 
-    // The loop requests the cameras faster than the thread sends the film.
+    // The loop needs the cameras before the thread has sent the film.
     let mut scanner = bench.scanner();
     scanner.begin_clip(5.0).expect("begun");
     bench.cameras.clone().scan().expect("the cycle's scan");

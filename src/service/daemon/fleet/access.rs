@@ -1,5 +1,5 @@
-//! Access to the office's page: for people with an account of the office, who log in with a form. All addresses except
-//! the form and its files need a session.
+//! Access to the web page of the office server, for people with an account there, who log in with a form. All addresses
+//! except the form and its files require a session.
 
 use super::shared;
 use super::shared::{PasswordCheck, Shared, archive_error_page};
@@ -17,15 +17,15 @@ use panelprep_cell::files::content_hash;
 use panelprep_interfaces::archive::reading::OfficeAccount;
 use serde::Deserialize;
 
-/// The content security policy: nothing is loaded from other sites, no inline script is executed, and the page cannot
-/// be framed.
+/// The content security policy: the browser loads nothing from other sites, executes no inline script, and does not
+/// show the page in a frame.
 const POLICY: &str = "default-src 'none'; script-src 'self'; connect-src 'self'; style-src 'self'; img-src 'self'; form-action 'self'; base-uri 'none'; frame-ancestors 'none'";
-/// The header by which a page marks the requests that it makes without a person.
+/// The header by which a page marks requests that it sends automatically, without a person.
 const AUTOMATIC_REQUEST_HEADER: &str = "x-by-itself";
-/// Paths that need no session.
+/// Paths that require no session.
 const PUBLIC_PATHS: [&str; 3] = ["/login", "/page.css", "/fleet.js"];
 
-/// Accepts requests with a session, and shows the log-in form for the others.
+/// Accepts requests with a session; answers other requests with the log-in form.
 pub(super) async fn require_session(State(shared): State<Shared>, request: Request<Body>, next: Next) -> Response {
     let path = request.uri().path();
     let is_open = PUBLIC_PATHS.contains(&path);
@@ -53,12 +53,12 @@ pub(super) async fn require_session(State(shared): State<Shared>, request: Reque
     response
 }
 
-/// Returns whether a session that began with this stamp is still valid: its account exists and is unchanged.
+/// Returns whether a session that began with this account stamp is still valid: its account exists and is unchanged.
 fn is_current(account: Option<&OfficeAccount>, began_with: &str) -> bool {
     account.is_some_and(|account| account_stamp(account) == began_with)
 }
 
-/// Identifies an account during one of its sessions: a new password changes the stamp.
+/// Returns a stamp that changes when the account gets a new password.
 fn account_stamp(account: &OfficeAccount) -> String {
     content_hash(account.password_hash.as_bytes()).chars().take(16).collect()
 }

@@ -11,7 +11,8 @@ use serde_json::json;
 
 /// Interval at which the page reloads itself, s.
 const RELOAD_INTERVAL_S: u32 = 5;
-/// Time after which a cell that has not reported is stale, ms: a cell reports its state every two seconds.
+/// Maximum age of the last report of a cell, ms; the state of a cell with an older report is marked as stale. A cell
+/// reports its state every two seconds.
 const MAX_REPORT_AGE_MS: i64 = 15_000;
 
 pub(super) async fn page(State(shared): State<Shared>) -> Response {
@@ -44,7 +45,7 @@ fn body(cells: &[CellNow], now_unix_ms: i64) -> Markup {
         section.card {
             h2 { "Cells" }
             @if cells.is_empty() {
-                p { "No cell has sent anything yet. Set [office] in a cell's file and start its service." }
+                p { "No cell has sent data yet. Set [office] in a cell's file and start its service." }
             } @else {
                 div.scroll tabindex="0" {
                     table {
@@ -57,8 +58,8 @@ fn body(cells: &[CellNow], now_unix_ms: i64) -> Markup {
                 }
             }
             p.links { a href="/cells.json" { "JSON" } }
-            p.note { "Times are UTC. A cell is stale if it has not reported for " (MAX_REPORT_AGE_MS / 1_000) " s: its state is then the last one that \
-                                                                                                      it reported." }
+            p.note { "Times are UTC. A cell is stale if it has not reported for " (MAX_REPORT_AGE_MS / 1_000) " s; \
+                      the page then shows its last reported state." }
         }
     }
 }

@@ -1,5 +1,5 @@
 //! Cycles of all cells: a search with its results as a page, a table or JSON; and the page of one cycle from the
-//! archive, with the signed content, every number with its limit, and the pictures.
+//! archive, with the signed content, all measured values with their limits, and the pictures.
 
 use super::shared;
 use super::shared::{Shared, archive_error_page, time, verdict};
@@ -22,7 +22,7 @@ use strum::VariantArray;
 const PAGE: i64 = 50;
 const FILE: i64 = 10_000;
 
-/// The fields of the form; an empty field is ignored.
+/// The fields of the search form; an empty field is ignored.
 #[derive(Debug, Clone, Default, Deserialize)]
 #[serde(default)]
 pub(super) struct SearchForm {
@@ -53,7 +53,7 @@ impl SearchForm {
         })
     }
 
-    /// Returns "TIME,CYCLE,CELL" of the last cycle of the previous page.
+    /// Returns time, cycle and cell of the last cycle on the previous page, from the text "TIME,CYCLE,CELL".
     fn before(&self) -> Option<(i64, String, i64)> {
         let mut parts = self.before.splitn(3, ',');
         let (at, cycle, cell) = (parts.next()?.parse().ok()?, parts.next()?.parse().ok()?, parts.next()?);
@@ -144,7 +144,7 @@ fn body(form: &SearchForm, rows: &[CycleRow], panels: &[String], cells: &[String
     }
 }
 
-/// Returns a list from which a person chooses one item or none.
+/// Returns a selection list from which a person chooses one item or none.
 pub(super) fn select_list<'c>(words: &str, name: &str, chosen: &str, all: impl Iterator<Item = &'c str>) -> Markup {
     html! {
         label { (words) select name=(name) {
@@ -154,7 +154,7 @@ pub(super) fn select_list<'c>(words: &str, name: &str, chosen: &str, all: impl I
     }
 }
 
-/// Identifies a cycle of a cell.
+/// The key of a cycle: its cell and its number.
 #[derive(Debug, Clone, Deserialize)]
 pub(super) struct CycleKey {
     cell: String,
@@ -192,13 +192,13 @@ pub(super) async fn cycle_json(State(shared): State<Shared>, Query(key): Query<C
         .into_response()
 }
 
-/// Serves a file that a record names: a picture as a picture, everything else as text that no browser executes.
+/// Serves a file that a record names: a picture as a picture, any other file as text that no browser executes.
 pub(super) async fn serve_file(State(shared): State<Shared>, Path(hash): Path<String>) -> Response {
     let reader = shared.reader().clone();
     let Ok(Some(bytes)) = tokio::task::spawn_blocking(move || reader.file(&hash)).await else {
         return (
             StatusCode::NOT_FOUND,
-            "The archive does not have this file, or the file is damaged. Run panelprep archive check.",
+            "This file is missing in the archive or damaged. Run panelprep archive check.",
         )
             .into_response();
     };
@@ -207,7 +207,7 @@ pub(super) async fn serve_file(State(shared): State<Shared>, Path(hash): Path<St
         [0x89, b'P', b'N', b'G', ..] => "image/png",
         _ => "text/plain; charset=utf-8",
     };
-    // A file with this name never changes.
+    // The name of the file is its hash, so its content never changes.
     ([(header::CONTENT_TYPE, kind), (header::CACHE_CONTROL, "private, max-age=31536000, immutable")], bytes)
         .into_response()
 }
@@ -252,7 +252,7 @@ fn signature(RecordSignature { statement, record_hash, unix_ms, person }: &Recor
     }
 }
 
-/// Shows every check of the record; for a record of another version of the program, only the JSON.
+/// Shows every check of the record; a record of another version of the program is only available as JSON.
 fn findings(cycle: &SignedCycle) -> Markup {
     let Ok(record) = cycle.cycle_record() else {
         return html! { section.card { p { "This record was written by another version of the program: open it as \

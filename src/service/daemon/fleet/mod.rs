@@ -1,8 +1,9 @@
-//! The office's page: the present state of all cells, their cycles, statistics across cells, verifications and recipes,
-//! from the archive. The page only reads the archive, so every person with an account of the office may view it.
+//! The web page of the office server, from its archive: the present state of all cells, their cycles, statistics across
+//! cells, verifications and recipes. The page only reads the archive, so every person with an account there may view
+//! it.
 //!
-//! This file has the server and the router of all addresses. `access` controls the log-in, `shared` has what all pages
-//! share and the frame around every page; each other file has the pages of one subject.
+//! This file contains the server and the router. `access` controls the log-in; `shared` contains the parts that all
+//! pages share, such as the frame around every page; each other file contains the pages of one subject.
 
 mod access;
 mod cells;
@@ -23,19 +24,19 @@ use std::net::SocketAddr;
 use std::path::PathBuf;
 use tokio::net::TcpListener;
 
-/// The address at which people open the page.
+/// The address of the page, and the fingerprint of its certificate.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FleetAddress {
-    /// Address that people open in the browser.
+    /// URL that people open in the browser.
     pub url: String,
-    /// The fingerprint of the program's own certificate, if the server presents that one.
+    /// Fingerprint of the certificate, if the server uses the certificate of this program.
     pub fingerprint: Option<String>,
 }
 
-/// Serves the page until `ended` is received; calls the callback with the address when the server listens.
+/// Serves the page until `ended` is received. Calls the callback with the page's address when the server listens.
 ///
 /// # Errors
-/// If the settings name no address, the address is not available, or a certificate cannot be used.
+/// If the settings contain no address, the address is not available, or a certificate cannot be used.
 pub async fn serve(
     settings: &ArchiveSettings,
     on_listening: impl FnOnce(&FleetAddress),
@@ -67,18 +68,19 @@ pub async fn serve(
     Ok(())
 }
 
-/// Errors of the office's page.
+/// Errors of the web page of the office server.
 #[derive(Debug, thiserror::Error)]
 pub enum FleetError {
-    /// The settings name no address.
+    /// The settings contain no address for the page.
     #[error(
-        "the archive's settings have no address for the office's page: set listen in [fleet], such as \
-         \"127.0.0.1:8444\""
+        "the archive's settings have no address for the web page of the office server: set listen in [fleet], such \
+         as \"127.0.0.1:8444\""
     )]
     NoAddress,
-    /// The address cannot be used.
+    /// The server cannot listen at the address.
     #[error(
-        "{address}: cannot serve the office's page at this address: {source}; set another address at [fleet] listen"
+        "{address}: cannot serve the web page of the office server at this address: {source}; set another address at \
+         [fleet] listen"
     )]
     Listen {
         /// The address.
@@ -87,7 +89,7 @@ pub enum FleetError {
         source: std::io::Error,
     },
     /// The folder of the archive cannot be created.
-    #[error("cannot create the archive's folder {}: {source}", path.display())]
+    #[error("cannot create the archive's folder {}: {source}; check its path and its permissions", path.display())]
     Folder {
         /// The folder.
         path: PathBuf,
@@ -95,11 +97,12 @@ pub enum FleetError {
         source: std::io::Error,
     },
     /// The certificate.
-    #[error("the office's page: {0}; check certificate and certificate_key in [fleet] of the archive's settings")]
+    #[error("the web page of the office server cannot be encrypted: {0}; check certificate and certificate_key in \
+             [fleet] of the archive's settings")]
     Certificate(#[from] PageFileError),
 }
 
-/// Returns the router of all addresses, behind the access check.
+/// Returns the router of all addresses; each request first passes the access check.
 fn router(shared: Shared) -> Router {
     Router::new()
         .route("/", get(cells::page))

@@ -1,11 +1,11 @@
-//! Comparison across all cells: one quantity of a panel and the verifications (which cell differs from the others, and
-//! which one drifts), and the versions of a panel's recipe (which cell uses which version, and how two versions
-//! differ).
+//! Comparison across all cells, in two parts. Values of one quantity of a panel, and of the verifications: which cell
+//! differs from the others, and which cell drifts. Versions of a panel's recipe: which cell uses which version, and how
+//! two versions differ.
 
 use super::cycles::select_list;
 use super::shared;
 use super::shared::{Shared, archive_error_page, day};
-use crate::daemon::web::difference;
+use crate::daemon::web::show_difference;
 use crate::report::{ChartTexts, trend_chart};
 use axum::Json;
 use axum::extract::{Query, State};
@@ -20,15 +20,15 @@ use panelprep_store::history::{Cell, KnownQuantity, Table, Trend};
 use panelprep_store::office::RecipeOffer;
 use serde::Deserialize;
 
-/// Largest number of values over all cells.
-const MAX_VALUES: i64 = 2_000;
-/// Largest number of verifications of each cell.
-const MAX_VERIFICATIONS: i64 = 200;
-/// Number of newest values of a cell that are compared with its earlier values.
+/// Maximum number of shown values over all cells.
+const MAX_SHOWN_VALUES: i64 = 2_000;
+/// Maximum number of shown verifications of each cell.
+const MAX_VERIFICATIONS_PER_CELL: i64 = 200;
+/// Number of newest values of a cell whose mean is compared with that of its earlier values.
 const RECENT_VALUE_COUNT: usize = 10;
 const SUBJECTS: [&str; 4] = ["scanner", "flange_camera", "tool", "tool_force"];
 
-/// The quantity and the panel that are shown.
+/// The requested quantity and panel.
 #[derive(Debug, Clone, Default, Deserialize)]
 #[serde(default)]
 pub(super) struct NumbersQuery {
@@ -51,7 +51,7 @@ async fn numbers(shared: &Shared, mut query: NumbersQuery) -> Result<FoundValues
     if query.quantity.is_empty() {
         KnownQuantity::LocalizationError.keyword().clone_into(&mut query.quantity);
     }
-    let cells = shared.reader().numbers(&query.panel, &query.quantity, MAX_VALUES).await?;
+    let cells = shared.reader().numbers(&query.panel, &query.quantity, MAX_SHOWN_VALUES).await?;
     Ok(FoundValues { panels, query, cells })
 }
 
@@ -59,7 +59,7 @@ async fn verifications(shared: &Shared, mut query: NumbersQuery) -> Result<Found
     if !SUBJECTS.contains(&query.subject.as_str()) {
         SUBJECTS[0].clone_into(&mut query.subject);
     }
-    let cells = shared.reader().verifications(&query.subject, MAX_VERIFICATIONS).await?;
+    let cells = shared.reader().verifications(&query.subject, MAX_VERIFICATIONS_PER_CELL).await?;
     Ok(FoundValues { panels: Vec::new(), query, cells })
 }
 
@@ -134,7 +134,7 @@ fn numbers_body(FoundValues { panels, query, cells }: &FoundValues) -> Markup {
             }
             @let address = shared::address(&[("panel", &query.panel), ("quantity", &query.quantity)]);
             p.links { a href={ "/numbers.csv?" (address) } { "CSV" } " · " a href={ "/numbers.json?" (address) } { "JSON" } }
-            p.note { "The newest " (MAX_VALUES) " values over all cells." }
+            p.note { "The newest " (MAX_SHOWN_VALUES) " values over all cells." }
         }
         (compare_cells((title, unit), cells))
     }
@@ -158,13 +158,13 @@ fn verifications_body(FoundValues { query, cells, .. }: &FoundValues) -> Markup 
             }
             @let address = shared::address(&[("subject", &query.subject)]);
             p.links { a href={ "/verifications.csv?" (address) } { "CSV" } " · " a href={ "/verifications.json?" (address) } { "JSON" } }
-            p.note { "The newest " (MAX_VERIFICATIONS) " of each cell." }
+            p.note { "The newest " (MAX_VERIFICATIONS_PER_CELL) " of each cell." }
         }
         (compare_cells((title, unit), cells))
     }
 }
 
-/// Returns the cells side by side, with a chart of each.
+/// Returns a table that compares the cells, with a chart of each cell.
 fn compare_cells((title, unit): (&str, &str), cells: &[CellNumbers]) -> Markup {
     html! {
         section.card {
@@ -175,7 +175,8 @@ fn compare_cells((title, unit): (&str, &str), cells: &[CellNumbers]) -> Markup {
                     tbody { @for cell in cells { (row(cell)) } }
                 } }
             }
-            p.note { "Drift: the mean of the last " (RECENT_VALUE_COUNT) " values against the values before, in standard errors; more than 3 is marked." }
+            p.note { "Drift: the mean of the last " (RECENT_VALUE_COUNT) " values minus the mean of the earlier \
+                values, in standard errors; more than 3 is marked." }
         }
         @for cell in cells {
             section.card {
@@ -224,8 +225,8 @@ fn spread(values: &[f64]) -> (f64, f64) {
     (mean, (squares / (count - 1.0).max(1.0)).sqrt())
 }
 
-/// Returns the difference between the mean of the newest values and that of the earlier ones, in standard errors of the
-/// difference; `None` if there are too few values.
+/// Returns the difference between the mean of the newest values and the mean of the earlier values, divided by the
+/// standard error of the difference; `None` if there are too few values.
 fn drift_in_errors(values: &[f64]) -> Option<f64> {
     let late = values.len().checked_sub(RECENT_VALUE_COUNT).filter(|before| *before >= RECENT_VALUE_COUNT)?;
     let (before, late) = values.split_at(late);
@@ -234,10 +235,10 @@ fn drift_in_errors(values: &[f64]) -> Option<f64> {
     (error > 0.0).then(|| (is - was) / error)
 }
 
-/// Number of digits of a hash that are shown.
+/// Number of hexadecimal digits of a hash that are shown.
 const SHORT_HASH_DIGITS: usize = 12;
 
-/// The panel whose recipes are shown.
+/// The panel whose recipes are requested.
 #[derive(Debug, Clone, Default, Deserialize)]
 #[serde(default)]
 pub(super) struct RecipesQuery {
@@ -300,7 +301,7 @@ fn recipes_body(panels: &[String], panel: &str, uses: &[RecipeUse], offer: Optio
     }
 }
 
-/// The version that is shown, and the version with which it is compared.
+/// The requested version of a recipe, and the version with which it is compared.
 #[derive(Debug, Clone, Default, Deserialize)]
 #[serde(default)]
 pub(super) struct RecipeVersions {
@@ -322,7 +323,7 @@ pub(super) async fn recipe_text(
         section.card {
             h2 { "Recipe" }
             @match before {
-                Some(before) => (difference(&before, &text)),
+                Some(before) => (show_difference(&before, &text)),
                 None => pre.scroll tabindex="0" { (text) },
             }
         }
@@ -334,8 +335,8 @@ pub(super) async fn recipe_text(
 mod tests {
     use super::*;
 
-    /// Calculated by hand: twenty values 1, 3, 1, 3, … have the mean 2 and the variance 20/19; ten values that are 4
-    /// higher differ by 4 / √(1.0526/20 + 1.1111/10) = 9.885 standard errors.
+    /// Expected value, calculated by hand: twenty values 1, 3, 1, 3, … have the mean 2 and the variance 20/19. The mean
+    /// of ten further values is 4 higher. The difference is 4 / √(1.0526/20 + 1.1111/10) = 9.885 standard errors.
     #[test]
     fn a_drift_is_reported_in_standard_errors() {
         let swing = |count: usize, by: f64| (0..count).map(move |index| by + 1.0 + 2.0 * (index % 2) as f64);

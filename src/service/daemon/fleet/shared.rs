@@ -1,4 +1,4 @@
-//! The parts that all pages share: the archive's reader, the sessions of people, and the frame around every page.
+//! The parts that all pages share: access to the archive, the sessions of people, and the frame around every page.
 
 use crate::daemon::people::{FailedLogins, PasswordHashing, left_out_text};
 use crate::daemon::web::{Sessions, csv_file};
@@ -14,12 +14,12 @@ use panelprep_store::history::{Cell, Table};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
-/// Time without a request for a page after which a session ends, s.
+/// Maximum time between two requests in a session, s; after a longer time the session ends.
 const MAX_IDLE_S: f64 = 8.0 * 3_600.0;
-/// Largest number of sessions of one account.
+/// Maximum number of sessions of one account.
 const MAX_SESSIONS: usize = 5;
 
-/// The data that all pages share. All clones share the same data.
+/// The data that all pages share. Clones share the same data.
 #[derive(Clone)]
 pub(super) struct Shared(Arc<SharedParts>);
 
@@ -66,15 +66,15 @@ impl Shared {
         self.0.lockout.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Logs a failed log-in, or only counts it if there are many. The number of failed log-ins without a line is logged
-    /// when the minute is over.
+    /// Logs a failed log-in. If there are many within a minute, they are only counted, and their number is logged at
+    /// the end of the minute.
     pub fn log_failed_login(&self, name: &str) {
         let counted = self.0.failed_logins.count();
         let left_out =
             |count: Option<u64>| count.into_iter().for_each(|count| tracing::warn!("{}", left_out_text(count)));
         left_out(counted.left_out);
         if counted.is_written {
-            tracing::warn!("{}: wrong name or password at the office's page", name.escape_debug());
+            tracing::warn!("{}: wrong name or password at the log-in to the web page of the office server", name.escape_debug());
         }
         if let Some(after) = counted.report_after {
             let shared = self.clone();
@@ -85,8 +85,8 @@ impl Shared {
         }
     }
 
-    /// Checks a password against an account's hash when it is its turn, and counts a wrong password. The check takes
-    /// the same time if the account does not exist. Returns `None` if the program is ending.
+    /// Checks a password against the hash of an account, one password at a time, and counts a wrong password. The check
+    /// takes the same time if the account does not exist. Returns `None` if the program is ending.
     pub async fn check_password(
         &self,
         name: String,
@@ -112,23 +112,23 @@ impl Shared {
     }
 }
 
-/// The outcome of a password check.
+/// The result of a password check.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum PasswordCheck {
     Right,
     Wrong,
-    /// The password was not checked: log-in to the account is blocked for this many more seconds.
+    /// The password was not checked: log-ins to this account are blocked for this number of seconds.
     Pauses(f64),
 }
 
-/// Returns the page for an archive that does not answer.
+/// Returns the page that is shown if the archive cannot be read.
 pub(super) fn archive_error_page(error: &ArchiveError) -> Response {
     tracing::warn!("{error}");
     (StatusCode::SERVICE_UNAVAILABLE, format!("The archive cannot be read now: {error}. Load the page again."))
         .into_response()
 }
 
-/// The pages: path and title.
+/// Path and title of each page.
 const PAGES: [(&str, &str); 5] = [
     ("/", "Cells"),
     ("/cycles", "Cycles"),
@@ -137,7 +137,7 @@ const PAGES: [(&str, &str); 5] = [
     ("/recipes", "Recipes"),
 ];
 
-/// Returns the whole page; it reloads after `again_s` seconds if that is stated.
+/// Returns a complete page. The browser reloads it after `again_s` seconds if this is given.
 pub(super) fn page(title: &str, here: &str, again_s: Option<u32>, body: &Markup) -> Response {
     let page = html! {
         (DOCTYPE)
@@ -181,7 +181,7 @@ pub(super) fn day(unix_s: i64) -> Markup {
     html! { time { (utc_day(unix_s)) } }
 }
 
-/// Returns a symbol with the word of the verdict: a verdict is never shown by colour only.
+/// Returns a symbol together with the word of the verdict, so that a verdict is never shown by colour only.
 pub(super) fn verdict(word: &str) -> Markup {
     let mark = match word {
         "pass" | "accept" => "✔",
@@ -230,7 +230,7 @@ pub(super) fn csv(name: &str, table: &Table) -> Response {
         .unwrap_or_else(|error| (StatusCode::INTERNAL_SERVER_ERROR, error.to_string()).into_response())
 }
 
-/// Returns the pairs as the query string of a URL.
+/// Returns the query string of a URL with these keys and values.
 pub(super) fn address(pairs: &[(&str, &str)]) -> String {
     form_urlencoded::Serializer::new(String::new()).extend_pairs(pairs).finish()
 }

@@ -16,13 +16,13 @@ use std::collections::BTreeMap;
 use std::net::IpAddr;
 use std::sync::{Arc, PoisonError, RwLock};
 
-/// The ID that async-opcua gives the policy for a log-in without an account.
+/// The policy ID that async-opcua uses for a log-in without an account.
 const ANONYMOUS_POLICY: &str = "anonymous";
 
-/// The client who makes a call or a read.
+/// The client that calls a method or reads a value.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) enum Caller {
-    /// A caller without an account.
+    /// A client without an account.
     Anonymous,
     /// A person who logged in.
     Person {
@@ -36,7 +36,7 @@ pub(super) enum Caller {
 }
 
 impl Caller {
-    /// Returns the role; `None` for a caller without an account.
+    /// Returns the role of the caller; `None` for a caller without an account.
     pub fn role(&self) -> Option<Role> {
         match self {
             Caller::Anonymous => None,
@@ -64,9 +64,9 @@ pub(super) struct Access {
     people: Arc<AccountService>,
     connections: Arc<ConnectionLimiter>,
     anonymous: AnonymousAccess,
-    /// The valid tokens, according to the last reading of the accounts.
+    /// The valid tokens with their callers, as of the last update of the accounts.
     valid: RwLock<BTreeMap<String, Caller>>,
-    /// The secure channels on which each token was seen.
+    /// The numbers of the secure channels on which each token was used.
     channels: RwLock<BTreeMap<String, Vec<u32>>>,
 }
 
@@ -93,7 +93,7 @@ impl Access {
         *self.valid.write().unwrap_or_else(PoisonError::into_inner) = valid;
     }
 
-    /// Returns the caller with this token; `None` if the token is not valid or not valid any more.
+    /// Returns the caller with this token; `None` if the token is not valid or has expired.
     pub fn caller_of_token(&self, token: &UserToken) -> Option<Caller> {
         if token.is_anonymous() {
             return (self.anonymous == AnonymousAccess::Read).then_some(Caller::Anonymous);
@@ -101,7 +101,7 @@ impl Access {
         self.valid.read().unwrap_or_else(PoisonError::into_inner).get(&token.0).cloned()
     }
 
-    /// Records that this token arrived on this channel.
+    /// Records that this token was used on this channel.
     pub fn remember_channel(&self, token: &UserToken, channel: u32) {
         if token.is_anonymous() {
             return;
@@ -119,15 +119,15 @@ impl Access {
         &self.people
     }
 
-    /// Returns the origin of a session on this channel, as written in the audit trail.
+    /// Returns the origin of a session on this channel, as it is written in the audit trail.
     pub fn session_origin(&self, channel: u32) -> String {
         self.connections
             .address_of_channel(channel)
             .map_or_else(|| "OPC UA".to_owned(), |address| format!("OPC UA, {address}"))
     }
 
-    /// Returns the possible origins of a log-in: async-opcua does not report the connection, so these are all connected
-    /// addresses.
+    /// Returns the possible addresses of a log-in: all connected addresses, because async-opcua does not report the
+    /// connection of a log-in.
     pub fn addresses(&self) -> String {
         format_origin(&self.connections.addresses())
     }
@@ -135,7 +135,8 @@ impl Access {
     async fn write_audit(&self, line: AuditEntry) {
         let people = self.people.clone();
         if tokio::task::spawn_blocking(move || people.audit(&line)).await.is_err() {
-            tracing::warn!("an entry of the audit trail is lost: the thread that writes it has ended");
+            tracing::warn!("an entry of the audit trail is lost, because the thread that writes the entries has \
+                            ended: restart the service and report this");
         }
     }
 }
@@ -188,7 +189,8 @@ impl AuthManager for Access {
                 let line = AuditEntry { refused: Some(why.to_owned()), ..line(None) };
                 let people = self.people.clone();
                 if tokio::task::spawn_blocking(move || people.audit_failed_login(&line)).await.is_err() {
-                    tracing::warn!("an entry of the audit trail is lost: the thread that writes it has ended");
+                    tracing::warn!("an entry of the audit trail is lost, because the thread that writes the entries \
+                                    has ended: restart the service and report this");
                 }
                 (
                     StatusCode::BadUserAccessDenied,
@@ -196,7 +198,7 @@ impl AuthManager for Access {
                 )
             }
             LoginResult::Pauses(left_s) => {
-                let problem = format!("too many wrong passwords; try again in {:.0} s", left_s.ceil());
+                let problem = format!("the account is locked after too many wrong passwords; try again in {:.0} s", left_s.ceil());
                 (StatusCode::BadUserAccessDenied, problem)
             }
             LoginResult::Unknown => (
@@ -228,7 +230,7 @@ impl AuthManager for Access {
         if self.anonymous == AnonymousAccess::Read {
             policies.push(policy(UAString::from(ANONYMOUS_POLICY), UserTokenType::Anonymous));
         }
-        // A password is accepted only on an encrypted connection, on which others cannot read it.
+        // A password is accepted only on an encrypted connection, so that others cannot read it.
         if endpoint.message_security_mode() == MessageSecurityMode::SignAndEncrypt {
             policies.push(UserTokenPolicy {
                 security_policy_uri: user_pass_security_policy_uri(endpoint),
@@ -241,7 +243,7 @@ impl AuthManager for Access {
 
 #[cfg(test)]
 mod tests {
-    //! Tests who may log in, how long a session is valid, and which of its data are recorded.
+    //! Tests who may log in, how long a session is valid, and which data of a session are recorded.
 
     use super::*;
     use opcua::crypto::SecurityPolicy;

@@ -10,31 +10,31 @@ use opcua::types::{
 use panelprep_interfaces::packml::{ArgumentKind, Kind, METHODS, Method, NODES, Node, Value};
 use std::collections::BTreeSet;
 
-/// The namespace URI of the cell's nodes.
+/// Namespace URI of the cell's nodes.
 pub const NAMESPACE: &str = "urn:panelprep:cell";
-/// The name of the cell's object, which is below the folder Objects.
-pub const ROOT: &str = "Panelprep";
-/// The object that has the methods as components, below the cell's object.
-const COMMANDS: &str = "Commands";
+/// Name of the cell's object, which is below the folder Objects.
+pub const ROOT_NAME: &str = "Panelprep";
+/// Name of the object below the cell's object that contains the methods.
+const COMMANDS_NAME: &str = "Commands";
 
-/// Returns the node ID for this path, which begins at the cell's object; an empty path is the object itself.
+/// Returns the node ID for a path that begins at the cell's object; an empty path is the cell's object itself.
 pub(super) fn node_id(namespace: u16, path: &str) -> NodeId {
-    NodeId::new(namespace, if path.is_empty() { ROOT.to_owned() } else { path.to_owned() })
+    NodeId::new(namespace, if path.is_empty() { ROOT_NAME.to_owned() } else { path.to_owned() })
 }
 
 /// Returns the method with this node ID.
 pub(super) fn method_for_node(namespace: u16, id: &NodeId) -> Option<&'static Method> {
-    METHODS.iter().find(|method| *id == node_id(namespace, &format!("{COMMANDS}/{}", method.name)))
+    METHODS.iter().find(|method| *id == node_id(namespace, &format!("{COMMANDS_NAME}/{}", method.name)))
 }
 
-/// Returns the parent's path and the node's own name.
+/// Splits a path into the path of the parent and the name of the node.
 fn split(path: &str) -> (&str, &str) {
     path.rsplit_once('/').unwrap_or(("", path))
 }
 
-/// Returns every object in the paths of nodes and methods, each before the nodes that it contains.
+/// Returns every object in the paths of nodes and methods; each object precedes the nodes that it contains.
 fn objects() -> Vec<&'static str> {
-    let mut all = BTreeSet::from([COMMANDS]);
+    let mut all = BTreeSet::from([COMMANDS_NAME]);
     for Node { path, .. } in NODES {
         all.extend(path.match_indices('/').map(|(at, _)| &path[..at]));
     }
@@ -44,7 +44,7 @@ fn objects() -> Vec<&'static str> {
 /// Builds all nodes.
 pub(super) fn build(space: &mut AddressSpace, namespace: u16) {
     let name = |name: &str| QualifiedName::new(namespace, name);
-    ObjectBuilder::new(&node_id(namespace, ""), name(ROOT), ROOT)
+    ObjectBuilder::new(&node_id(namespace, ""), name(ROOT_NAME), ROOT_NAME)
         .description(english_text("The robot cell, with the data of the operator's page."))
         .event_notifier(EventNotifier::SUBSCRIBE_TO_EVENTS)
         .organized_by(ObjectId::ObjectsFolder)
@@ -101,7 +101,7 @@ fn argument(name: &str, data_type: DataTypeId, meaning: &str) -> Argument {
 }
 
 fn add_method(space: &mut AddressSpace, namespace: u16, method: &Method) {
-    let path = format!("{COMMANDS}/{}", method.name);
+    let path = format!("{COMMANDS_NAME}/{}", method.name);
     let id = node_id(namespace, &path);
     let kind = |kind| match kind {
         ArgumentKind::String => DataTypeId::String,
@@ -115,25 +115,25 @@ fn add_method(space: &mut AddressSpace, namespace: u16, method: &Method) {
         .description(english_text(method.meaning))
         .executable(true)
         .user_executable(true)
-        .component_of(node_id(namespace, COMMANDS));
+        .component_of(node_id(namespace, COMMANDS_NAME));
     if !taken.is_empty() {
         builder = builder.input_args(space, &node_id(namespace, &format!("{path}/InputArguments")), &taken);
     }
     builder.output_args(space, &node_id(namespace, &format!("{path}/OutputArguments")), &[output]).insert(space);
 }
 
-/// Start of 1970 in OPC UA's time, in ticks of 100 ns since 1601.
+/// The start of 1970 in the time of OPC UA, in ticks of 100 ns since 1601.
 const UNIX_EPOCH_TICKS: i64 = 116_444_736_000_000_000;
 const TICKS_IN_MS: i64 = 10_000;
 
-/// Converts a time, given in ms since 1970.
+/// Converts a time in ms since 1970 to the time of OPC UA.
 pub(super) fn time(unix_ms: i64) -> DateTime {
     DateTime::from(
         unix_ms.saturating_mul(TICKS_IN_MS).saturating_add(UNIX_EPOCH_TICKS).clamp(0, DateTime::endtimes_ticks()),
     )
 }
 
-/// Converts a value to OPC UA's type; to a null if the value is not known.
+/// Converts a value to the type of OPC UA; a value that is not known becomes null.
 fn variant(value: &Value) -> Variant {
     match value {
         Value::Absent => Variant::Empty,
@@ -148,8 +148,8 @@ fn variant(value: &Value) -> Variant {
     }
 }
 
-/// Returns the value with its time. `is_known` is false if the service's loop does not answer: the value is then marked
-/// as the last known one.
+/// Returns the value with its time. If `is_known` is false, because the service's loop does not answer, the value is
+/// marked as the last known one.
 pub(super) fn data_value(value: &Value, is_known: bool, at: DateTime) -> DataValue {
     let status = if is_known { StatusCode::Good } else { StatusCode::UncertainLastUsableValue };
     DataValue::new_at_status(variant(value), at, status)
@@ -169,8 +169,8 @@ fn data_type(kind: Kind) -> (DataTypeId, bool) {
     }
 }
 
-/// Returns a unit in OPC UA's form. The number of the unit is its code of UNECE Recommendation 20, read as bytes (Part
-/// 8, 5.6.3.3).
+/// Returns a unit in the form of OPC UA. The number of the unit is its code of UNECE Recommendation 20, read as bytes
+/// (Part 8, 5.6.3.3).
 fn unit(unit: &str) -> Option<EUInformation> {
     let (code, description) = match unit {
         "s" => ("SEC", "second"),
@@ -203,7 +203,7 @@ mod tests {
             assert!(space.has_reference(&parent, &own, ReferenceTypeId::HasComponent), "{}", node.path);
         }
         for method in METHODS {
-            let id = node_id(1, &format!("{COMMANDS}/{}", method.name));
+            let id = node_id(1, &format!("{COMMANDS_NAME}/{}", method.name));
             assert_eq!(method_for_node(1, &id).map(|found| found.name), Some(method.name));
         }
         assert_eq!(method_for_node(1, &node_id(1, "Commands/Format")), None);
@@ -215,7 +215,7 @@ mod tests {
         for node in NODES.iter().filter(|node| !node.unit.is_empty()) {
             assert!(unit(node.unit).is_some(), "{}: {}", node.path, node.unit);
         }
-        // Expected values from the table of OPC UA Part 8.
+        // Expected unit numbers, from the table in OPC UA Part 8.
         let id = |name| unit(name).map(|unit| unit.unit_id);
         assert_eq!([id("s"), id("h"), id("mm")], [Some(5_457_219), Some(4_740_434), Some(5_066_068)]);
     }

@@ -1,5 +1,6 @@
-//! Calls of methods: each call is checked against the table of methods, and is converted to a request of the service.
-//! Each caller has a limited rate of calls. Stop and abort are not counted: repeated ones have one reply.
+//! Method calls of OPC UA clients: each call is checked against the table of methods, and converted to a request to the
+//! service. The rate of calls of each caller is limited. Stop and abort are not limited: repeated ones get the same
+//! reply.
 
 use super::access::{Access, Caller};
 use crate::daemon::alarms::AlarmId;
@@ -18,19 +19,19 @@ use std::time::{Duration, Instant};
 use tokio::sync::Mutex as AsyncMutex;
 use tokio::time::timeout;
 
-/// Time limit for the answer to a call, even if the disk does not respond.
+/// Time limit for the reply to a call, even if the disk does not respond.
 const CALL_TIMEOUT: Duration = Duration::from_secs(20);
-/// Interval within which repeated stops are handled as one, and repeated aborts too.
+/// Interval within which repeated stops are executed as one stop, and repeated aborts as one abort.
 const MERGE_INTERVAL: Duration = Duration::from_millis(100);
-/// The longest text that is accepted, in characters.
+/// Maximum length of a text argument, characters.
 const MAX_CHARACTERS: usize = 200;
 
-/// The outcome of a call.
+/// The outcome of a method call.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum CallOutcome {
-    /// The call was executed; the text states what the state does not show.
+    /// The call was executed; the text contains information that the state of the cell does not contain.
     Done(String),
-    /// The call was refused.
+    /// The call was refused, for this reason.
     Refused(StatusCode, Reason),
 }
 
@@ -53,7 +54,7 @@ impl CallOutcome {
     }
 }
 
-/// The destination of calls.
+/// Converts calls to requests, and sends them to the service.
 pub(super) struct Calls {
     pub access: Arc<Access>,
     pub front: InterfaceContext,
@@ -68,12 +69,12 @@ impl Calls {
         Calls { access, front, flood: Mutex::default(), refusal: Mutex::default(), last_urgent: Default::default() }
     }
 
-    /// Returns the last call that was refused.
+    /// Returns the last refused call.
     pub fn last_refusal(&self) -> Option<LastRefusal> {
         self.refusal.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Calls a method for a caller from this origin. If the call was refused, the node of the last refusal states the
+    /// Calls a method for a caller at this origin. If the call was refused, the node of the last refusal contains the
     /// reason.
     pub async fn call(
         &self,
@@ -182,8 +183,8 @@ impl Calls {
         CallOutcome::from_reply(self.front.gateway.request(what, caller_identity(caller)).await)
     }
 
-    /// Requests a stop or an abort. If the same request was executed within `MERGE_INTERVAL`, returns its reply;
-    /// otherwise requests it.
+    /// Requests a stop or an abort. If the same request was executed within `MERGE_INTERVAL`, its reply is returned and
+    /// no new request is sent.
     async fn request_urgent(&self, place: usize, request: Request, caller: &Caller) -> Reply {
         let mut last = self.last_urgent[place].lock().await;
         if let Some((_, reply)) = last.as_ref().filter(|(at, _)| at.elapsed() < MERGE_INTERVAL) {
@@ -223,11 +224,11 @@ impl Calls {
         })
     }
 
-    /// Records that a person has seen the alarm with this name.
+    /// Records that the caller has acknowledged the alarm with this name.
     pub async fn acknowledge(&self, alarm: &str, caller: &Caller, from: &str) -> CallOutcome {
         let no_such = || {
             let message =
-                "there is no such alarm, or it is already acknowledged; Alarms/Ids lists the active alarms";
+                "no active alarm has this ID, or it is already acknowledged; Alarms/Ids lists the active alarms";
             refused("not_now", StatusCode::BadInvalidArgument, message)
         };
         let (Some(alarm), Caller::Person { name, printed_name, role }) = (alarm_id(alarm), caller) else {
@@ -258,7 +259,8 @@ impl Calls {
         let line = AuditEntry { refused: refused.map(str::to_owned), ..line };
         let people = self.access.accounts_with_audit().clone();
         if tokio::task::spawn_blocking(move || people.audit(&line)).await.is_err() {
-            tracing::warn!("an entry of the audit trail is lost: the thread that writes it has ended");
+            tracing::warn!("an entry of the audit trail is lost, because the thread that writes the entries has \
+                            ended: restart the service and report this");
         }
     }
 }
@@ -276,7 +278,8 @@ fn argument_error(method: &Method) -> CallOutcome {
     refused("bad_request", StatusCode::BadInvalidArgument, message)
 }
 
-/// Returns a text without leading and trailing spaces; `None` if it is too long or contains control characters.
+/// Returns a text argument without leading and trailing spaces; `None` if it is too long or contains control
+/// characters.
 fn text(value: &Variant) -> Option<String> {
     let Variant::String(text) = value else { return None };
     let text = text.as_ref().trim();
@@ -284,7 +287,7 @@ fn text(value: &Variant) -> Option<String> {
     is_plain.then(|| text.to_owned())
 }
 
-/// Returns the alarm with this name in the form of `packml::alarm_id`.
+/// Parses the name of an alarm, which has the form of `packml::alarm_id`.
 fn alarm_id(name: &str) -> Option<AlarmId> {
     let mut parts = name.split('/');
     let (cycle, code, raised) = (parts.next()?, parts.next()?, parts.next()?);
@@ -297,15 +300,15 @@ fn caller_identity(caller: &Caller) -> RequestAuthor {
     RequestAuthor { front: RequestSource::OpcUa, uid: None, user: caller.name().map(str::to_owned), from: None }
 }
 
-/// Number of calls that are accepted at once; after that, the limit is `CALLS_PER_SECOND`.
+/// Number of calls that are accepted at once, and below it the number of calls per second that are accepted after that.
 const BURST_CALLS: f64 = 20.0;
 const CALLS_PER_SECOND: f64 = 5.0;
-/// Largest number of remembered callers; the caller whose last call is the oldest is removed first.
+/// Maximum number of callers whose calls are counted; the caller with the oldest last call is removed first.
 const MAX_CALLERS: usize = 256;
-/// Interval after which calls above the limit are reported again.
+/// Interval after which calls above the limit are reported again, s.
 const REPORT_INTERVAL_S: f64 = 60.0;
 
-/// The remaining calls of each caller. Times are seconds of a monotonic clock.
+/// The remaining calls of each caller. Times are in seconds of a monotonic clock.
 #[derive(Debug, Default)]
 struct CallLimiter(BTreeMap<String, Bucket>);
 
@@ -316,20 +319,20 @@ struct Bucket {
     reported_s: Option<f64>,
 }
 
-/// Decision about a call.
+/// The decision of the limiter about a call.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum CallDecision {
-    /// The call is accepted.
+    /// The call is within the limit.
     Accepted,
     /// The call exceeds the limit.
     TooMany {
-        /// Whether this excess must be reported now; false if one was reported within `REPORT_INTERVAL_S`.
+        /// Whether the excess must be reported now; false if an excess was reported within `REPORT_INTERVAL_S`.
         must_report: bool,
     },
 }
 
 impl CallLimiter {
-    /// Counts a call by this caller; returns whether it is accepted.
+    /// Counts a call by this caller; returns whether the call is accepted.
     pub fn call(&mut self, caller: &str, now_s: f64) -> CallDecision {
         if self.0.len() >= MAX_CALLERS && !self.0.contains_key(caller) {
             let oldest = self.0.iter().min_by(|a, b| a.1.at_s.total_cmp(&b.1.at_s)).map(|(name, _)| name.clone());

@@ -1,11 +1,11 @@
-//! The folder of the certificates: the server's own certificate with its key, the certificates of trusted clients, and
-//! those of rejected clients. Also the reason why the OPC UA server cannot be served.
+//! The folder of certificates: the server's own certificate with its key, the certificates of trusted clients, and
+//! those of rejected clients. Also the errors because of which the OPC UA server cannot be started.
 //!
 //! ```text
-//! own/cert.der            the server's own, made if it is missing; clients must be configured to trust it
-//! private/private.pem     its key, for no other program
-//! trusted/*.der           clients that may connect: a person moves them here
-//! rejected/*.der          clients that were rejected; the newest ones stay
+//! own/cert.der            certificate of the server, created if it is missing; clients must be configured to trust it
+//! private/private.pem     key of this certificate; no other program may read it
+//! trusted/*.der           certificates of clients that may connect: a person moves them here
+//! rejected/*.der          certificates of clients that were rejected; only the newest ones are kept
 //! ```
 
 use opcua::crypto::{CertificateStore, KeySize, PrivateKey, PublicKey, X509, X509Data};
@@ -16,35 +16,35 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
-/// The server's own certificate; the path is relative to the certificates' folder.
+/// The server's own certificate; the path is relative to the folder of certificates.
 pub(super) const OWN_CERTIFICATE: &str = "own/cert.der";
 /// Its key.
-pub(super) const KEY: &str = "private/private.pem";
-/// The folder of the certificates of trusted clients.
-pub(super) const TRUSTED: &str = "trusted";
-/// The folder of the certificates of rejected clients.
-pub(super) const REJECTED: &str = "rejected";
-/// Maximum number of rejected certificates that are stored: a client that sends new certificates continuously must not
-/// fill the disk.
+pub(super) const KEY_PATH: &str = "private/private.pem";
+/// Folder of the certificates of trusted clients.
+pub(super) const TRUSTED_FOLDER: &str = "trusted";
+/// Folder of the certificates of rejected clients.
+pub(super) const REJECTED_FOLDER: &str = "rejected";
+/// Maximum number of rejected certificates that are kept, so that a client that sends new certificates continuously
+/// cannot fill the disk.
 const MAX_REJECTED: usize = 32;
-/// Validity of the server's certificate, ten years: a client has to be configured to trust it only once.
+/// Validity of the server's certificate, days: ten years, because each client must be configured to trust a new one.
 const VALIDITY_DAYS: u32 = 3_650;
 const KEY_BITS: u32 = 2_048;
 
-/// Makes the folders that are missing, and the server's own certificate if there is none. Returns its SHA-1 thumbprint
-/// in the form in which OPC UA clients show it.
+/// Creates the missing folders, and the server's own certificate if it is missing. Returns the SHA-1 thumbprint of the
+/// certificate in the form in which OPC UA clients show it.
 ///
 /// # Errors
 /// If the disk cannot be written, or a file is not a certificate.
 pub(super) fn prepare(folder: &Path, application_uri: &str, hosts: &[String]) -> Result<String, OpcUaError> {
-    for name in ["own", "private", TRUSTED, REJECTED] {
+    for name in ["own", "private", TRUSTED_FOLDER, REJECTED_FOLDER] {
         let path = folder.join(name);
         fs::create_dir_all(&path).map_err(|error| OpcUaError::file_error(&path, error))?;
     }
     let private = folder.join("private");
     fs::set_permissions(&private, Permissions::from_mode(0o700))
         .map_err(|error| OpcUaError::file_error(&private, error))?;
-    let (own, key) = (folder.join(OWN_CERTIFICATE), folder.join(KEY));
+    let (own, key) = (folder.join(OWN_CERTIFICATE), folder.join(KEY_PATH));
     match (own.is_file(), key.is_file()) {
         (true, true) => {}
         (false, false) => make_certificate((&own, &key), application_uri, hosts)?,
@@ -77,7 +77,7 @@ pub(super) fn prepare(folder: &Path, application_uri: &str, hosts: &[String]) ->
     Ok(certificate.thumbprint().as_hex_string())
 }
 
-/// Returns whether a signature of the private key is valid for the public key.
+/// Returns whether the private key belongs to the public key: signs a text and verifies the signature.
 fn is_matching_key(private: &PrivateKey, public: &PublicKey) -> Result<bool, String> {
     if private.size() * 8 < KEY_BITS as usize {
         return Err(format!("the key has {} bits (minimum {KEY_BITS} bits)", private.size() * 8));
@@ -94,11 +94,11 @@ pub(super) struct TrustedFiles {
 }
 
 impl TrustedFiles {
-    /// Renames new client certificates to the file names that async-opcua expects. A person may put a certificate there
-    /// with any other name, or in PEM format: it is renamed or converted. Returns the result for each new file, for the
-    /// log. Runs on the calling thread, which may wait for the disk.
+    /// Renames new client certificates to the file names that async-opcua expects. A person may add a certificate with
+    /// any file name, or in PEM format; it is renamed or converted. Returns the result for each new file, for the log.
+    /// The call blocks while it waits for the disk.
     pub fn rename_new_certificates(&mut self, folder: &Path) -> Vec<String> {
-        let trusted = folder.join(TRUSTED);
+        let trusted = folder.join(TRUSTED_FOLDER);
         let found = fs::read_dir(&trusted).into_iter().flatten().flatten();
         let files = found.filter_map(|entry| {
             let about = entry.metadata().ok().filter(fs::Metadata::is_file)?;
@@ -112,7 +112,8 @@ impl TrustedFiles {
     }
 }
 
-/// Renames a certificate to the file name that async-opcua expects; returns the result, if there is anything to report.
+/// Renames a certificate to the file name that async-opcua expects; returns a message if the file was renamed or is not
+/// a certificate.
 fn rename_certificate(file: &Path, trusted: &Path) -> Option<String> {
     let read = panelprep_base::disk::read(file).ok();
     let certificate = read.and_then(|bytes| X509::from_der(&bytes).or_else(|_| X509::from_pem(&bytes)).ok());
@@ -136,8 +137,8 @@ fn rename_certificate(file: &Path, trusted: &Path) -> Option<String> {
     })
 }
 
-/// Makes a certificate for this computer and its key. Both are written to a temporary folder first, and the key's
-/// permissions are set before the key is moved to its place.
+/// Creates a certificate for this computer and its key. Both are first written to a temporary folder, and the key's
+/// permissions are set before the key is moved to its final place.
 fn make_certificate((own, key): (&Path, &Path), application_uri: &str, hosts: &[String]) -> Result<(), OpcUaError> {
     let data = X509Data {
         key_size: KEY_BITS,
@@ -160,7 +161,7 @@ fn make_certificate((own, key): (&Path, &Path), application_uri: &str, hosts: &[
     placed.map_err(|error| OpcUaError::file_error(own, error))
 }
 
-/// Finds new files in the folder of rejected clients.
+/// Detects new files in the folder of rejected clients.
 #[derive(Debug, Default)]
 pub(super) struct RejectedFiles {
     known_files: BTreeSet<PathBuf>,
@@ -168,10 +169,10 @@ pub(super) struct RejectedFiles {
 }
 
 impl RejectedFiles {
-    /// Returns the files that arrived since the last call; removes the oldest files above the maximum number. Files
-    /// that existed when the service started are not new. Runs on the calling thread, which may wait for the disk.
+    /// Returns the files that were added since the last call; removes the oldest files above the maximum number. Files
+    /// that existed when the service started are not new. The call blocks while it waits for the disk.
     pub fn take_new_files(&mut self, folder: &Path) -> Vec<PathBuf> {
-        let mut found: Vec<(SystemTime, PathBuf)> = fs::read_dir(folder.join(REJECTED))
+        let mut found: Vec<(SystemTime, PathBuf)> = fs::read_dir(folder.join(REJECTED_FOLDER))
             .into_iter()
             .flatten()
             .flatten()
@@ -191,7 +192,7 @@ impl RejectedFiles {
     }
 }
 
-/// Describes a certificate in words for a person who must decide whether to trust it.
+/// Describes a certificate for a person who must decide whether to trust it.
 pub(super) fn describe_certificate(file: &Path) -> String {
     let name = |certificate: &X509| {
         let subject: String = certificate.subject_name().chars().filter(|c| !c.is_control()).take(120).collect();
@@ -201,7 +202,7 @@ pub(super) fn describe_certificate(file: &Path) -> String {
         .map_or_else(|_| "a file that is not a certificate".to_owned(), |found| name(&found))
 }
 
-/// A certificate's file or folder cannot be used.
+/// Error: a file or folder of certificates cannot be used.
 #[derive(Debug, thiserror::Error)]
 #[error("certificate file {}: {problem}; [opcua] certificates sets the folder", file.display())]
 pub struct OpcUaError {
@@ -229,7 +230,7 @@ mod tests {
         let first = of().expect("made");
         assert_eq!((first.len(), of().expect("read")), (40, first.clone()), "the same after a restart");
         let mode = |name: &str| fs::metadata(folder.path().join(name)).expect("there").permissions().mode() & 0o777;
-        assert_eq!((mode(KEY), mode("private")), (0o600, 0o700));
+        assert_eq!((mode(KEY_PATH), mode("private")), (0o600, 0o700));
         let own = CertificateStore::read_cert(&folder.path().join(OWN_CERTIFICATE)).expect("a certificate");
         assert!(
             own.is_application_uri_valid("urn:panelprep:test").is_ok()
@@ -240,10 +241,10 @@ mod tests {
             1,
             "nothing is left beside it"
         );
-        fs::write(folder.path().join(KEY), "no key").expect("written");
+        fs::write(folder.path().join(KEY_PATH), "no key").expect("written");
         let error = of().expect_err("refused").to_string();
         assert!(error.contains("private.pem") && error.contains("not a PEM private key"), "{error}");
-        fs::remove_file(folder.path().join(KEY)).expect("removed");
+        fs::remove_file(folder.path().join(KEY_PATH)).expect("removed");
         let error = of().expect_err("refused").to_string();
         assert!(
             error.contains("private.pem: the file is missing"),
@@ -257,18 +258,18 @@ mod tests {
         let of =
             |folder: &tempfile::TempDir| prepare(folder.path(), "urn:panelprep:test", &["localhost".to_owned()]);
         folders.iter().for_each(|folder| drop(of(folder).expect("made")));
-        let [from, to] = [&folders[0], &folders[1]].map(|folder| folder.path().join(KEY));
+        let [from, to] = [&folders[0], &folders[1]].map(|folder| folder.path().join(KEY_PATH));
         fs::copy(from, to).expect("copied");
         let error = of(&folders[1]).expect_err("refused").to_string();
         assert!(error.contains("private.pem: the key does not belong to the certificate own/cert.der"), "{error}");
     }
 
-    /// A certificate with any name is renamed correctly; a file that is not a certificate is reported once.
+    /// A certificate with any file name is renamed correctly; a file that is not a certificate is reported once.
     #[test]
     fn a_trusted_certificate_may_have_any_name() {
         let folder = tempfile::tempdir().expect("a folder");
         prepare(folder.path(), "urn:panelprep:test", &["localhost".to_owned()]).expect("made");
-        let trusted = folder.path().join(TRUSTED);
+        let trusted = folder.path().join(TRUSTED_FOLDER);
         fs::copy(folder.path().join(OWN_CERTIFICATE), trusted.join("line.crt")).expect("copied");
         fs::write(trusted.join("notes.txt"), "ask Ada").expect("written");
         let mut seen = TrustedFiles::default();
@@ -288,7 +289,7 @@ mod tests {
     #[test]
     fn the_number_of_rejected_certificates_is_limited() {
         let folder = tempfile::tempdir().expect("a folder");
-        let rejected = folder.path().join(REJECTED);
+        let rejected = folder.path().join(REJECTED_FOLDER);
         fs::create_dir(&rejected).expect("made");
         let mut seen = RejectedFiles::default();
         fs::write(rejected.join("old.der"), "").expect("written");

@@ -1,11 +1,11 @@
-//! The active alarms as OPC UA conditions: each change is an event, a client that connects requests all of them
-//! (ConditionRefresh), and a person acknowledges an alarm by its event (Acknowledge). The fields of an event are those
-//! of AlarmConditionType (Part 9), by their browse paths.
+//! The active alarms as OPC UA conditions. Each change of an alarm is sent as an event. A client that connects requests
+//! all active alarms (ConditionRefresh). A person acknowledges an alarm by the ID of its event (Acknowledge). The
+//! fields of an event are those of AlarmConditionType (Part 9), by their browse paths.
 //!
-//! async-opcua supports the types of conditions and events, but provides no conditions of its own. So the methods,
-//! which belong to the types in the base namespace, are handled here before async-opcua's own node manager receives
-//! them (`nodes`). A condition has a name and no node. The base namespace therefore declares that the condition has
-//! the method Acknowledge; otherwise async-opcua allows no client to call it.
+//! async-opcua supports the types of conditions and events, but provides no conditions. The methods of conditions
+//! belong to the types in the base namespace; therefore they are handled here before async-opcua's own node manager
+//! receives the calls (`nodes`). A condition has a name but no node. The base namespace declares that the condition has
+//! the method Acknowledge, because otherwise async-opcua does not allow a client to call it.
 
 use super::address_space::{node_id, time};
 use crate::daemon::clock::now_unix_ms;
@@ -23,12 +23,12 @@ use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Shortest interval between two refreshes of all alarms, for all clients together.
+/// Minimum interval between two refreshes of all alarms, for all clients together.
 const MIN_REFRESH_INTERVAL: Duration = Duration::from_millis(500);
-/// The prefix of the names of conditions.
+/// Prefix of the names of conditions.
 const NAME_PREFIX: &str = "Alarm/";
 
-/// The active alarms, as last reported.
+/// The active alarms as they were last reported to the clients.
 #[derive(Debug, Default)]
 pub(super) struct AlarmConditions {
     namespace: OnceLock<u16>,
@@ -46,7 +46,7 @@ fn alarm_status(alarm: &Alarm) -> AlarmStatus {
 }
 
 impl AlarmConditions {
-    /// Sets the namespace of the cell's nodes, once it is known.
+    /// Sets the namespace index of the cell's nodes, which is known after the server has started.
     pub fn set_namespace(&self, namespace: u16) {
         self.namespace.get_or_init(|| namespace);
     }
@@ -64,13 +64,13 @@ impl AlarmConditions {
         AlarmEvent::new(alarm, alarm_status(alarm), (&node_id(self.namespace(), ""), condition), now_unix_ms)
     }
 
-    /// Returns the nodes that the events state as their conditions.
+    /// Returns the node IDs of the conditions of all active alarms.
     pub fn nodes(&self) -> Vec<NodeId> {
         let name = |id: &String| node_id(self.namespace(), &format!("{NAME_PREFIX}{id}"));
         self.lock().reported.keys().map(name).collect()
     }
 
-    /// Updates the active alarms; reports those that are new, acknowledged or ended.
+    /// Updates the active alarms; reports new, acknowledged and cleared alarms to the clients.
     pub fn update_conditions(&self, alarms: &[Alarm], subscriptions: &SubscriptionCache) {
         let changed = self.changed(alarms, now_unix_ms());
         self.notify(&changed, subscriptions);
@@ -95,7 +95,7 @@ impl AlarmConditions {
         subscriptions.notify_events(events.iter().map(|event| (event as &dyn Event, &source)));
     }
 
-    /// Reports all active alarms once more, between the events that begin and end a refresh.
+    /// Reports all active alarms again, between the events that begin and end a refresh.
     pub fn refresh(&self, subscriptions: &SubscriptionCache) -> StatusCode {
         let now_unix_ms = now_unix_ms();
         let alarms: Vec<Alarm> = {
@@ -114,10 +114,11 @@ impl AlarmConditions {
         StatusCode::Good
     }
 
-    /// Returns the name of the alarm that a client acknowledges by this event of this condition.
+    /// Returns the name of the alarm that a client acknowledges with this event ID of this condition.
     ///
     /// # Errors
-    /// If there is no such condition, the event is not its last one, or the alarm was already acknowledged.
+    /// If the condition does not exist, the event is not the last event of the condition, or the alarm was already
+    /// acknowledged.
     pub fn acknowledged_alarm(&self, condition: &NodeId, event: &ByteString) -> Result<String, StatusCode> {
         let inside = self.lock();
         let is_meant = |id: &String| *condition == node_id(self.namespace(), &format!("{NAME_PREFIX}{id}"));
@@ -133,17 +134,17 @@ impl AlarmConditions {
     }
 }
 
-/// An event and its fields.
+/// An OPC UA event and its fields.
 #[derive(Debug, Clone, PartialEq)]
 struct AlarmEvent {
     kind: NodeId,
     time: DateTime,
-    /// The node that the event states as its condition.
+    /// The node ID of the condition.
     condition: NodeId,
     fields: BTreeMap<&'static str, Variant>,
 }
 
-/// The status of an alarm.
+/// The status of an alarm as a condition.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct AlarmStatus {
     pub is_active: bool,
@@ -167,8 +168,7 @@ fn severity_number(priority: Priority) -> u16 {
     }
 }
 
-/// Returns the id of an event, which is computed from the alarm and its status; a client acknowledges the alarm by this
-/// id.
+/// Returns the ID of an event, computed from the alarm and its status. A client acknowledges the alarm with this ID.
 fn event_id(alarm: &Alarm, standing: AlarmStatus) -> ByteString {
     let AlarmStatus { is_active, is_acknowledged } = standing;
     let digest = Sha256::digest(format!("{} {is_active} {is_acknowledged}", alarm_id(alarm)).as_bytes());
@@ -196,7 +196,7 @@ impl AlarmEvent {
             ("EventId", Variant::from(event_id(alarm, standing))),
             ("EventType", Variant::from(kind.clone())),
             ("SourceNode", Variant::from(source.clone())),
-            ("SourceName", Variant::from(super::address_space::ROOT)),
+            ("SourceName", Variant::from(super::address_space::ROOT_NAME)),
             ("Time", Variant::from(at)),
             ("ReceiveTime", Variant::from(time(now_unix_ms))),
             ("Message", text(&alarm.message)),
@@ -249,7 +249,7 @@ impl Event for AlarmEvent {
         range: &NumericRange,
         path: &[QualifiedName],
     ) -> Variant {
-        // A client requests the condition's node in this form (Part 9, 5.5.2.13).
+        // A client requests the node ID of the condition in this form (Part 9, 5.5.2.13).
         if attribute == AttributeId::NodeId && path.is_empty() && *type_definition == ObjectTypeId::ConditionType {
             return if self.condition.is_null() { Variant::Empty } else { Variant::from(self.condition.clone()) };
         }

@@ -1,10 +1,10 @@
-//! The connection limiter, a proxy in front of the server: it limits the number of connections, in total and per
-//! address, and records the address from which each connection comes.
+//! The connection limiter: a proxy in front of the server that limits the number of connections, in total and for each
+//! address, and records the address of each connection.
 //!
-//! async-opcua accepts every connection, but the whole service shares the file descriptors. So the limiter accepts only
-//! a limited number of connections, in total and from each address, and forwards their bytes to the server, which
-//! listens on the loopback interface only. While forwarding, it reads the number of the secure channel from the
-//! server's answer; this number assigns a session to an address.
+//! async-opcua accepts every connection, but all parts of the service share the file descriptors. Therefore the limiter
+//! accepts only a limited number of connections and forwards their bytes to the server, which listens on the loopback
+//! interface only. While forwarding, it reads the number of the secure channel from the server's reply; by this number
+//! a session is assigned to an address.
 
 use std::collections::BTreeMap;
 use std::net::{IpAddr, SocketAddr};
@@ -15,17 +15,17 @@ use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::Notify;
 use tokio::time::sleep;
 
-/// Largest number of simultaneous connections, in total and from one address.
+/// Maximum number of simultaneous connections in total, and below it from one address.
 const MAX_CONNECTIONS: usize = 48;
 const MAX_CONNECTIONS_PER_ADDRESS: usize = 16;
-/// Time without accepting data after which a peer counts as disconnected.
+/// Time without accepting data after which a peer is treated as disconnected.
 const DISCONNECT_TIMEOUT: Duration = Duration::from_secs(30);
-/// Time for which the address of a disconnected peer is retained: a report may still refer to this peer.
+/// Time for which the address of a disconnected peer is kept, because a report may still refer to this peer.
 const DEPARTURE_RETENTION: Duration = Duration::from_secs(5);
-/// The header of a message: type, chunk type, size, and the channel if there is one.
+/// Number of bytes of a message header: type, chunk type, size, and the channel number if there is one.
 const HEADER_BYTES: usize = 12;
-/// The longest message that is accepted before the channel is known: an acknowledgement, an error, or the opening
-/// of a channel with a certificate.
+/// Maximum size of a message before the channel number is known, bytes: an acknowledgement, an error, or the opening of
+/// a channel with a certificate.
 const MAX_OPENING_BYTES: usize = 64 * 1_024;
 
 /// The present connections.
@@ -37,7 +37,7 @@ struct Inside {
     open: BTreeMap<u64, Peer>,
     last: u64,
     rejected: u64,
-    /// Addresses that disconnected a short time ago, or were rejected.
+    /// The addresses that were disconnected or rejected a short time ago, with the time.
     recently_left: BTreeMap<IpAddr, Instant>,
 }
 
@@ -59,11 +59,11 @@ impl Inside {
 
 impl ConnectionLimiter {
     fn lock(&self) -> MutexGuard<'_, Inside> {
-        // A poisoned lock is harmless: every change under it is complete.
+        // A poisoned lock is harmless, because every change under this lock is complete.
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Returns a connection slot for this address, if one is free.
+    /// Returns a connection slot for this address; `None` if no slot is free.
     fn acquire_slot(&self, from: IpAddr) -> Option<(u64, Arc<Notify>)> {
         let mut inside = self.lock();
         let of_address = inside.open.values().filter(|peer| peer.from == from).count();
@@ -91,12 +91,12 @@ impl ConnectionLimiter {
         }
     }
 
-    /// Returns the address that has this secure channel.
+    /// Returns the address of the client with this secure channel.
     pub fn address_of_channel(&self, channel: u32) -> Option<IpAddr> {
         self.lock().open.values().find(|peer| peer.channel == Some(channel)).map(|peer| peer.from)
     }
 
-    /// Returns all addresses that are connected or were connected a short time ago, without repetition.
+    /// Returns the addresses that are connected or were connected a short time ago, without duplicates.
     pub fn addresses(&self) -> Vec<IpAddr> {
         let inside = self.lock();
         let lately =
@@ -117,7 +117,7 @@ impl ConnectionLimiter {
             .for_each(|peer| peer.disconnect.notify_one());
     }
 
-    /// Returns how many connections were rejected since the last call.
+    /// Returns the number of connections that were rejected since the last call.
     pub fn take_rejected_count(&self) -> u64 {
         std::mem::take(&mut self.lock().rejected)
     }
@@ -126,7 +126,7 @@ impl ConnectionLimiter {
     pub async fn serve_connections(self: Arc<Self>, listener: TcpListener, server: SocketAddr) {
         loop {
             let Ok((stream, from)) = listener.accept().await else {
-                // For example, no file descriptor is free: the connection is accepted later.
+                // For example, no file descriptor is free; the connection is accepted later.
                 sleep(Duration::from_millis(50)).await;
                 continue;
             };
@@ -168,7 +168,7 @@ impl ConnectionLimiter {
             }
             drop(copy(&mut from_server, &mut to_client).await);
         };
-        // If one side ends the connection, the other side is ended too.
+        // If one side closes the connection, the other side is closed too.
         tokio::select! {
             _ = ask => {}
             () = answer => {}
@@ -176,7 +176,7 @@ impl ConnectionLimiter {
     }
 }
 
-/// Reads one message of the server before the channel is known; returns the message, and the channel number if the
+/// Reads one message of the server before the channel is known. Returns the message, and the channel number if the
 /// message opens a channel.
 async fn message(from: &mut (impl AsyncReadExt + Unpin)) -> Option<(Vec<u8>, Option<u32>)> {
     let mut header = [0; HEADER_BYTES];

@@ -1,7 +1,8 @@
-//! Monitors the cell and reports changes: the state five times a second, the data of the store once a second.
+//! Monitors the cell and reports changes to the OPC UA clients: the state five times a second, the data of the store
+//! once a second.
 //!
-//! Besides the state that the loop reports, data are read from the store and from files. They are read at longer
-//! intervals, on a separate thread, so that a slow disk only delays these values.
+//! In addition to the state that the loop reports, data are read from the store and from files. They are read at longer
+//! intervals on a separate thread, so that a slow disk only delays these values.
 
 use super::access::Access;
 use super::address_space::{data_value, time};
@@ -33,7 +34,7 @@ use std::time::{Duration, Instant};
 use tokio::sync::watch;
 use tokio::time::sleep;
 
-/// Interval at which the loop is polled.
+/// Interval at which the state is requested from the loop.
 const POLL_INTERVAL: Duration = Duration::from_millis(200);
 /// Interval at which the store is read.
 const STORE_POLL_INTERVAL: Duration = Duration::from_secs(1);
@@ -81,7 +82,7 @@ impl UnitTimes {
     }
 }
 
-/// The parts that report the cell's values.
+/// Writes the values of the cell to the nodes.
 pub(super) struct Follower {
     pub gateway: Gateway,
     pub nodes: Arc<InMemoryNodeManager<CellNodes>>,
@@ -113,7 +114,7 @@ impl Follower {
             self.conditions.update_conditions(&now.alarms, self.handle.subscriptions());
             let conditions = self.conditions.nodes();
             if conditions != linked {
-                CoreNodes::link(&mut self.core.address_space().write(), &linked, &conditions);
+                CoreNodes::link_conditions(&mut self.core.address_space().write(), &linked, &conditions);
                 linked = conditions;
             }
             sleep(POLL_INTERVAL).await;
@@ -126,7 +127,7 @@ impl Follower {
         let mut changed = Vec::new();
         for ((node, id), published) in NODES.iter().zip(ids).zip(published) {
             let value = (node.value)(now);
-            // The service's own data is known even if its loop does not answer.
+            // The service's own values are known even if its loop does not answer.
             let is_known = now.answers || node.path.starts_with("Service/");
             let next = Some((value, is_known));
             if *published != next {
@@ -136,7 +137,8 @@ impl Follower {
         }
         let subscriptions: &SubscriptionCache = self.handle.subscriptions();
         if let Err(status) = self.nodes.set_values(subscriptions, changed.into_iter()) {
-            tracing::warn!("cannot update the values of the OPC UA server: {status}");
+            tracing::warn!("cannot update the values of the OPC UA server: {status}; they are written again at the \
+                            next change");
         }
     }
 }
@@ -171,7 +173,7 @@ fn snapshot(was: Snapshot, reply: Reply, depth: StoreValues, since: &mut UnitTim
         ..was
     };
     let Some(state) = reply.extras.table else {
-        // The last known values stay; no command is possible.
+        // The last known values remain; no command is possible.
         return Snapshot { answers: false, possible: vec![], ..of_store };
     };
     let (in_state_s, in_mode_s) = since.update(&state);
@@ -203,7 +205,7 @@ fn snapshot(was: Snapshot, reply: Reply, depth: StoreValues, since: &mut UnitTim
 
 /// Maximum number of rejected certificates that are logged individually.
 const MAX_LOGGED: usize = 3;
-/// Interval at which calibration files are read.
+/// Interval at which the calibration files are read.
 const FILE_POLL_INTERVAL: Duration = Duration::from_secs(30);
 
 /// The values that are read from the store and from files.
@@ -223,7 +225,7 @@ pub(super) struct StoreValues {
     pub recipes: Vec<RecipeHash>,
 }
 
-/// The newest cycle, and whether it has ended.
+/// The number of the newest cycle, and whether it has ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(super) struct NewestCycle {
     pub id: Option<CycleId>,
@@ -235,19 +237,19 @@ pub(super) struct StoreReader {
     pub access: Arc<Access>,
     pub front: InterfaceContext,
     pub connections: Arc<ConnectionLimiter>,
-    /// The folder of the certificates.
+    /// The folder of certificates.
     pub folder: PathBuf,
     pub rejected: RejectedFiles,
     pub trusted: TrustedFiles,
     pub files_read: Option<Instant>,
-    /// The newest cycle when the cycles were last counted.
+    /// The newest cycle at the time of the last count of cycles.
     pub counted: Option<NewestCycle>,
     pub last: StoreValues,
 }
 
 impl StoreReader {
-    /// Reads all data whose polling interval is over; if a value cannot be read, it stays unchanged, and the log states
-    /// the reason.
+    /// Reads all data whose polling interval is over. A value that cannot be read stays unchanged, and the reason is
+    /// logged.
     pub fn read(&mut self, cycle: NewestCycle) -> StoreValues {
         self.front.check_alarms();
         let (alarms, people) = (self.front.alarms.clone(), self.access.accounts_with_audit().clone());
@@ -255,7 +257,8 @@ impl StoreReader {
         let read = people.read(|store| {
             let accounts = store.accounts()?;
             read_store(store, cycle.id, &mut now)?;
-            // A count reads all cycles, so it is made only if a cycle has begun or ended since the last count.
+            // To count the cycles, all of them are read; therefore they are counted only if a cycle has begun or ended
+            // since the last count.
             if self.counted != Some(cycle) {
                 now.counts = counts(&store.verdict_counts()?);
                 self.counted = Some(cycle);
@@ -291,7 +294,7 @@ impl StoreReader {
         now.recipes = recipe_hashes(&*self.front.setup).unwrap_or_default();
     }
 
-    /// Writes the connections and certificates that were rejected since the last call to the audit trail.
+    /// Adds the connections and certificates that were rejected since the last call to the audit trail.
     fn log_rejected(&mut self) {
         for words in self.trusted.rename_new_certificates(&self.folder) {
             tracing::warn!("OPC UA server: {words}");
@@ -301,8 +304,8 @@ impl StoreReader {
             let words = certificates::describe_certificate(file);
             let todo = format!(
                 "unknown certificate; to trust the client, move the certificate from {} to {} in {}",
-                certificates::REJECTED,
-                certificates::TRUSTED,
+                certificates::REJECTED_FOLDER,
+                certificates::TRUSTED_FOLDER,
                 self.folder.display()
             );
             tracing::warn!("OPC UA client rejected: {words}: {todo}");
@@ -313,7 +316,8 @@ impl StoreReader {
         }
         let turned_away = self.connections.take_rejected_count();
         if turned_away > 0 {
-            self.audit_refusal(None, format!("{turned_away} connections rejected: too many connections"));
+            self.audit_refusal(None, format!("{turned_away} connections rejected, because the maximum number of \
+                                              connections is reached: close connections that are not needed"));
         }
     }
 

@@ -1,22 +1,22 @@
-//! The OPC UA server: an interface by which a production line uses the service's requests and states. It makes no
-//! decisions for the cell.
+//! The OPC UA server: an interface through which a production line uses the service's requests and states. The server
+//! makes no decisions for the cell.
 //!
 //! ```text
-//! client ─ door (limits, addresses) ─ async-opcua (channels, certificates, sessions) ─ access (accounts, roles)
-//!                                      └─ nodes ┬─ OPC UA's own nodes, conditions
-//!                                                └─ the cell's nodes ─ calls → Gateway → the loop
+//! client ─ limiter (limits, addresses) ─ async-opcua (channels, certificates, sessions) ─ access (accounts, roles)
+//!                                        └─ nodes ┬─ OPC UA's own nodes, conditions
+//!                                                  └─ the cell's nodes ─ calls → Gateway → the loop
 //! the loop ─ state, five times a second ─ follow ─ values of `packml::NODES`, conditions
 //! the store ─ once a second ──────────────┘
 //! ```
 //!
-//! The door is the proxy of `connection_limit`. The server runs on a thread and a runtime of its own, separate from the
-//! cell's supervision. A panic in code that reads from the network ends a connection, or this server, which then
-//! restarts; it never stops the cell. The loop never waits for clients. Names and passwords, roles, log-in pauses and
-//! audit trail are those of the operator's page. Stop and abort need no role.
+//! The limiter is the proxy of `connection_limit`. The server has its own thread and runtime, separate from the cell's
+//! supervision. A panic in code that reads from the network ends a connection, or this server, which is then restarted;
+//! it never stops the cell. The loop never waits for clients. Names and passwords, roles, locks after wrong passwords,
+//! and the audit trail are those of the operator's page. Stop and abort need no role.
 //!
-//! This file has the server's thread, which listens, restarts the server if it fails, and ends it with the service. It
-//! also has the settings of async-opcua: addresses, security, and the limits of everything that a client may send or
-//! store.
+//! This file contains the server's thread, which listens, restarts the server if it fails, and ends the server with the
+//! service. It also contains the settings of async-opcua: addresses, security, and the limits of everything that a
+//! client may send or store.
 
 mod access;
 mod address_space;
@@ -52,35 +52,35 @@ use tokio::net::TcpListener;
 use tokio::sync::{oneshot, watch};
 use tokio::time::sleep;
 
-/// Delay before another attempt if the address is not available or the server has failed.
+/// Delay before a retry if the address is not available or the server has failed.
 const RESTART_DELAY: Duration = Duration::from_secs(1);
-/// The name of the server in the log and among alarms.
+/// Name of the server in the log and in alarms.
 const NAME: &str = "OPC UA server";
 /// Number of threads that wait for the store's disk and hash passwords.
 const BLOCKING_THREADS: usize = 4;
-/// Stack size of a thread: messages can be nested, and the stack must be sufficient to decode any message.
+/// Stack size of a thread, bytes: sufficient to decode any message, because messages can be nested.
 const STACK_BYTES: usize = 8 * 1_024 * 1_024;
 
-/// The parts that the server needs.
+/// The parts of the service that the server needs.
 pub struct OpcUaParts {
     /// The `[opcua]` table of the cell's file.
     pub settings: OpcUa,
-    /// The parts that every interface uses.
+    /// The parts that all interfaces share.
     pub front: InterfaceContext,
 }
 
-/// The OPC UA server; it runs until this is dropped.
+/// The running OPC UA server; dropping this value ends it.
 #[derive(Debug)]
 pub struct OpcUaServer {
     _background: Background,
 }
 
 impl OpcUaServer {
-    /// Starts the server; returns `None` if the cell's file names no address. If the address is not available now, or
-    /// certificates cannot be used, the server tries again later: the cell does not wait for it.
+    /// Starts the server; returns `None` if the cell's file contains no address for it. If the address is not available
+    /// now, or certificates cannot be used, the server tries again later; the cell does not wait for it.
     ///
     /// # Errors
-    /// If the system provides no thread.
+    /// If the operating system cannot start a thread.
     pub fn serve(parts: OpcUaParts) -> std::io::Result<Option<Self>> {
         let Some(address) = parts.settings.listen else { return Ok(None) };
         let plan =
@@ -90,13 +90,14 @@ impl OpcUaServer {
     }
 }
 
-/// Runs the server until it is requested to end. If the server cannot be started, or ends without this request, it is
+/// Runs the server until it is requested to end. If the server cannot be started, or ends without a request, it is
 /// started again.
 async fn run((parts, address): (&OpcUaParts, SocketAddr), ended: &mut oneshot::Receiver<()>) {
     let alarms = &parts.front.alarms;
     loop {
         let problem = tokio::select! {
-            served = serve_until_end(parts, address) => served.err().unwrap_or_else(|| "the server ended without a reported cause".to_owned()),
+            served = serve_until_end(parts, address) => served.err().unwrap_or_else(|| "the server ended without a \
+                reported cause; see the lines above in the log".to_owned()),
             _ = &mut *ended => return,
         };
         if alarms.set_connection_problem(NAME, Some(&problem)) {
@@ -109,7 +110,7 @@ async fn run((parts, address): (&OpcUaParts, SocketAddr), ended: &mut oneshot::R
     }
 }
 
-/// A server with all its parts, before it runs.
+/// A server with all its parts, before it is started.
 struct BuiltServer {
     server: Server,
     handle: ServerHandle,
@@ -136,9 +137,11 @@ fn build(parts: &OpcUaParts, address: SocketAddr) -> Result<BuiltServer, String>
         .with_authenticator(access.clone())
         .build()?;
     let nodes = handle.node_managers().get_of_type::<InMemoryNodeManager<CellNodes>>();
-    let nodes = nodes.ok_or_else(|| "internal fault: the nodes of the cell are missing".to_owned())?;
+    let nodes = nodes.ok_or_else(|| "internal fault: the nodes of the cell are missing in the OPC UA server; report \
+                                     this".to_owned())?;
     let core = handle.node_managers().get_of_type::<InMemoryNodeManager<CoreNodes>>();
-    let core = core.ok_or_else(|| "internal fault: the standard nodes of the server are missing".to_owned())?;
+    let core = core.ok_or_else(|| "internal fault: the standard nodes of the OPC UA server are missing; report \
+                                   this".to_owned())?;
     conditions.set_namespace(nodes.inner().namespace);
     Ok(BuiltServer { server, handle, nodes, core, conditions, access, connections: door })
 }
@@ -149,7 +152,8 @@ async fn serve_until_end(parts: &OpcUaParts, address: SocketAddr) -> Result<(), 
     let thumbprint = certificates::prepare(&parts.settings.certificates, &uri, &hosts);
     let thumbprint = thumbprint.map_err(|error| error.to_string())?;
     let listener = TcpListener::bind(address).await;
-    let listener = listener.map_err(|error| format!("cannot listen at {address}: {error}"))?;
+    let listener = listener.map_err(|error| format!("cannot listen at {address}: {error}; set another address at \
+                                                     [opcua] listen, or end the program that uses it"))?;
     let failed = |error: std::io::Error| error.to_string();
     let behind = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).await.map_err(failed)?;
     let behind_address = behind.local_addr().map_err(failed)?;
@@ -178,7 +182,7 @@ async fn serve_until_end(parts: &OpcUaParts, address: SocketAddr) -> Result<(), 
     };
     parts.front.alarms.set_connection_problem(NAME, None);
     tracing::info!("{NAME}: opc.tcp://{host}:{}/, SHA-1 of its certificate {thumbprint}", address.port());
-    // When one of these parts ends, all the others end too.
+    // If one of these parts ends, all the others are ended too.
     tokio::select! {
         served = server.run_with(behind) => served,
         () = poll_store(reader, cycle, tell_depth) => Ok(()),
@@ -188,8 +192,8 @@ async fn serve_until_end(parts: &OpcUaParts, address: SocketAddr) -> Result<(), 
     }
 }
 
-/// Sets the reported port to the port of the door again and again, since the server itself listens on another port
-/// behind the door.
+/// Sets the reported port to the port of the limiter, repeatedly, because the server itself listens on another port
+/// behind the limiter.
 async fn keep_reported_port(handle: &ServerHandle, port: u16) {
     loop {
         handle.info().port.store(port, Ordering::Relaxed);
@@ -199,15 +203,15 @@ async fn keep_reported_port(handle: &ServerHandle, port: u16) {
 
 /// Time without a request after which a session ends, ms.
 const SESSION_TIMEOUT_MS: u64 = 60_000;
-/// Limits of a message and of its content, in bytes or in number of items.
+/// Limits of a message and its content; bytes, or number of items.
 const MAX_MESSAGE_BYTES: usize = 256 * 1_024;
 const MAX_CHUNKS: usize = 16;
 const MAX_STRING_BYTES: usize = 64 * 1_024;
 const MAX_ARRAY_ITEMS: usize = 2_000;
 const MAX_SESSIONS: usize = 40;
 
-/// Returns the name by which clients reach the server: the one that the cell's file states, the address, or the
-/// computer's name.
+/// Returns the name under which clients reach the server: the name in the cell's file, the address, or the name of the
+/// computer.
 fn host(settings: &OpcUa, address: SocketAddr) -> String {
     match &settings.host {
         Some(host) => host.clone(),
@@ -221,12 +225,12 @@ fn computer() -> String {
     rustix::system::uname().nodename().to_string_lossy().into_owned()
 }
 
-/// Returns the application URI, the identity of this program that its certificate states.
+/// Returns the application URI, by which the certificate identifies this program.
 fn application_uri(host: &str) -> String {
     format!("urn:{}:panelprep", host.trim_matches(['[', ']']))
 }
 
-/// Returns the host names in the certificate.
+/// Returns the host names for the certificate.
 fn hosts(host: &str, address: SocketAddr) -> Vec<String> {
     let mut all =
         vec![host.trim_matches(['[', ']']).to_owned(), computer(), "localhost".to_owned(), "127.0.0.1".to_owned()];
@@ -236,7 +240,7 @@ fn hosts(host: &str, address: SocketAddr) -> Vec<String> {
     all
 }
 
-/// Returns a server with these settings, still without nodes.
+/// Returns a server with these settings, without nodes.
 fn builder(settings: &OpcUa, address: SocketAddr) -> ServerBuilder {
     let host = host(settings, address);
     let version = UAString::from(env!("CARGO_PKG_VERSION"));

@@ -1,6 +1,6 @@
-//! The nodes that the server provides. The cell's nodes are values for callers who may read, and methods; nothing can
-//! be written. The nodes of OPC UA's own namespace are those of async-opcua, but the methods of conditions are handled
-//! here first.
+//! The nodes of the server. The nodes of the cell are values for callers with permission to read, and methods; no value
+//! can be written. The nodes of OPC UA's own namespace are those of async-opcua, but the methods of conditions are
+//! handled here first.
 
 use super::access::{Access, Caller};
 use super::address_space;
@@ -25,7 +25,7 @@ use opcua::types::{
 use panelprep_interfaces::packml::method;
 use std::sync::Arc;
 
-/// OPC UA's own nodes.
+/// The nodes of OPC UA's own namespace.
 pub(super) struct CoreNodes {
     core: CoreNodeManagerImpl,
     calls: Arc<Calls>,
@@ -41,8 +41,8 @@ impl CoreNodes {
         CoreNodes { core: CoreNodeManagerBuilder.build(context, space), calls, conditions }
     }
 
-    /// Adds the method Acknowledge to the new conditions, and removes it from the conditions that have ended.
-    pub fn link(space: &mut AddressSpace, were: &[NodeId], are: &[NodeId]) {
+    /// Adds the method Acknowledge to new conditions, and removes it from conditions that have ended.
+    pub fn link_conditions(space: &mut AddressSpace, were: &[NodeId], are: &[NodeId]) {
         let acknowledge = NodeId::from(MethodId::AcknowledgeableConditionType_Acknowledge);
         for gone in were.iter().filter(|node| !are.contains(node)) {
             space.delete_reference(gone, &acknowledge, ReferenceTypeId::HasComponent);
@@ -75,7 +75,7 @@ impl CoreNodes {
         };
         let Some(method) = method("AcknowledgeAlarm") else { return };
         let caller = self.calls.access.caller_of_token(&context.token);
-        let from = self.calls.access.session_origin(channel(context));
+        let from = self.calls.access.session_origin(channel_id(context));
         let outcome = self.calls.call(method, &[alarm], caller.as_ref(), &from).await;
         let is_done = matches!(outcome, CallOutcome::Done(_));
         write_result(call, outcome);
@@ -133,7 +133,7 @@ impl InMemoryNodeManagerImpl for CoreNodes {
         _: &RwLock<AddressSpace>,
         items: &mut [&mut &mut CreateMonitoredItem],
     ) {
-        self.calls.access.remember_channel(&context.token, channel(context));
+        self.calls.access.remember_channel(&context.token, channel_id(context));
         if !self.may_read(context) {
             items.iter_mut().for_each(|item| item.set_status(StatusCode::BadUserAccessDenied));
         }
@@ -187,12 +187,12 @@ pub(super) struct CellNodes {
 }
 
 impl CellNodes {
-    /// Registers the namespace and builds the nodes.
+    /// Registers the namespace of the cell and builds its nodes.
     pub fn build(calls: Arc<Calls>, context: &ServerContext, space: &mut AddressSpace) -> Self {
         let namespace = {
             let mut types = context.type_tree.write();
-            // Clients request a condition's node by the empty path (Part 9, 5.5.2.13), which async-opcua does not
-            // support.
+            // Clients request the node ID of a condition with an empty path (Part 9, 5.5.2.13), which async-opcua does
+            // not support.
             let condition = NodeId::from(ObjectTypeId::ConditionType);
             types.add_type_property(&condition, &condition, &[], NodeClass::Object);
             types.namespaces_mut().add_namespace(NAMESPACE)
@@ -208,11 +208,11 @@ impl CellNodes {
 }
 
 /// Returns the secure channel on which a request arrived.
-fn channel(context: &RequestContext) -> u32 {
+fn channel_id(context: &RequestContext) -> u32 {
     context.session.read().secure_channel_id()
 }
 
-/// Writes the outcome into a call; includes the reason if the client requests diagnostics.
+/// Writes the outcome into a call; includes the reason if the client requested diagnostics.
 fn write_result(call: &mut MethodCall, outcome: CallOutcome) {
     match outcome {
         CallOutcome::Done(words) => {
@@ -256,7 +256,7 @@ impl InMemoryNodeManagerImpl for CellNodes {
     ) -> Vec<DataValue> {
         // The channel is also recorded when a subscription begins, so that the connection can be ended if the account
         // changes.
-        self.access().remember_channel(&context.token, channel(context));
+        self.access().remember_channel(&context.token, channel_id(context));
         let space = space.read();
         nodes.iter().map(|node| space.read(context, node, max_age, timestamps)).collect()
     }
@@ -267,7 +267,7 @@ impl InMemoryNodeManagerImpl for CellNodes {
         _: &RwLock<AddressSpace>,
         calls: &mut [&mut &mut MethodCall],
     ) -> Result<(), StatusCode> {
-        let channel = channel(context);
+        let channel = channel_id(context);
         self.access().remember_channel(&context.token, channel);
         let (caller, from) = (self.access().caller_of_token(&context.token), self.access().session_origin(channel));
         for call in calls {

@@ -1,5 +1,5 @@
-//! The interface of the loop to the cameras, and the cell's cameras as one port. Each command exposes once, at the time
-//! of the command.
+//! The interface of the loop to the cameras, and the cameras of the cell as one port. Each command captures one picture
+//! or scan when it is performed.
 
 use super::port::{Command, Port};
 use panelprep_base::geometry::{Camera, ColorPicture, OrganizedCloud};
@@ -7,35 +7,35 @@ pub use panelprep_devices::cameras::Picture as Picture2d;
 use panelprep_devices::cameras::{CameraError, FlangeCamera, Scanner};
 use serde::Serialize;
 
-/// The requests to the cameras.
+/// The commands to the cameras.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum CameraCommand {
-    /// Takes a 3D scan.
+    /// Captures a 3D scan.
     Scan,
-    /// Takes a picture with the 3D camera's colour sensor.
+    /// Captures a picture with the colour sensor of the 3D camera.
     Picture,
-    /// Begins a film: pictures of the colour sensor one after the other, at most this many per second. If no command
+    /// Begins a film: pictures of the colour sensor one after the other, at most this number per second. If no command
     /// ends the film, it ends automatically.
     BeginFilm(f64),
-    /// Fetches the film's next picture. Dropped pictures before it are visible as a gap in the times.
+    /// Fetches the next picture of the film. A gap in the times indicates dropped pictures before it.
     NextOfFilm,
     /// Ends the film.
     EndFilm,
-    /// Takes a picture with the flange camera.
+    /// Captures a picture with the flange camera.
     CornerPicture,
-    /// Checks whether the cameras can deliver pictures. The check takes no picture that a cycle needs.
+    /// Checks whether the cameras can deliver pictures, without a picture that a cycle uses.
     Check,
 }
 
-/// An answer of the cameras.
+/// The answers of the cameras.
 #[derive(Debug)]
 pub enum CameraAnswer {
     /// Answer to `Scan`.
     Scan(OrganizedCloud<Camera>),
-    /// Answer to `Picture` and `NextOfFilm`, with the time on the camera's own clock.
+    /// Answer to `Picture` and `NextOfFilm`; the time is on the clock of the camera.
     Picture(Picture2d),
-    /// Answer to `NextOfFilm` if no picture is due yet.
+    /// Answer to `NextOfFilm` if no picture is available yet.
     NoneDue,
     /// Answer to `BeginFilm`: the start time on the clock of the pictures, s.
     FilmBegan(f64),
@@ -51,9 +51,9 @@ impl Command for CameraCommand {
     type Answer = Result<CameraAnswer, CameraFault>;
 }
 
-/// The fault of a camera that gave no picture.
+/// Error: a camera delivered no picture.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("{camera} gave no picture: {why}")]
+#[error("{camera} delivered no picture: {why}")]
 pub struct CameraFault {
     /// The camera.
     pub camera: &'static str,
@@ -66,14 +66,14 @@ impl CameraFault {
     fn mismatch_error<T>() -> Result<T, Self> {
         Err(CameraFault {
             camera: "a camera",
-            why: "internal fault: the response does not match the request".to_owned(),
+            why: "internal fault: the answer of the cameras does not match the command; report this".to_owned(),
         })
     }
 }
 
-/// The cameras' commands as functions. They fail if the camera delivers no picture.
+/// The commands of the cameras as functions. They fail if the camera delivers no picture.
 pub trait CameraPort: Port<CameraCommand> {
-    /// Takes a 3D scan.
+    /// Captures a 3D scan.
     fn scan(&mut self) -> Result<OrganizedCloud<Camera>, CameraFault> {
         let CameraAnswer::Scan(cloud) = self.perform(CameraCommand::Scan)? else {
             return CameraFault::mismatch_error();
@@ -81,21 +81,22 @@ pub trait CameraPort: Port<CameraCommand> {
         Ok(cloud)
     }
 
-    /// Takes a picture with the 3D camera's colour sensor.
+    /// Captures a picture with the colour sensor of the 3D camera.
     fn picture(&mut self) -> Result<Picture2d, CameraFault> {
         let taken = self.perform(CameraCommand::Picture)?;
         let CameraAnswer::Picture(picture) = taken else { return CameraFault::mismatch_error() };
         Ok(picture)
     }
 
-    /// Begins a film with at most this many pictures a second; returns the time on the clock of the pictures, s.
+    /// Begins a film with at most this number of pictures per second; returns the start time on the clock of the
+    /// pictures, s.
     fn begin_film(&mut self, pictures_per_second: f64) -> Result<f64, CameraFault> {
         let begun = self.perform(CameraCommand::BeginFilm(pictures_per_second))?;
         let CameraAnswer::FilmBegan(time_s) = begun else { return CameraFault::mismatch_error() };
         Ok(time_s)
     }
 
-    /// Fetches the film's next picture; `None` if none is due yet.
+    /// Fetches the next picture of the film; `None` if no picture is available yet.
     fn next_film_picture(&mut self) -> Result<Option<Picture2d>, CameraFault> {
         match self.perform(CameraCommand::NextOfFilm)? {
             CameraAnswer::Picture(picture) => Ok(Some(picture)),
@@ -104,14 +105,14 @@ pub trait CameraPort: Port<CameraCommand> {
         }
     }
 
-    /// Ends the film; returns how many of its pictures were dropped.
+    /// Ends the film; returns the number of its dropped pictures.
     fn end_film(&mut self) -> Result<u64, CameraFault> {
         let ended = self.perform(CameraCommand::EndFilm)?;
         let CameraAnswer::FilmEnded(dropped) = ended else { return CameraFault::mismatch_error() };
         Ok(dropped)
     }
 
-    /// Takes a picture with the flange camera.
+    /// Captures a picture with the flange camera.
     fn corner_picture(&mut self) -> Result<ColorPicture, CameraFault> {
         let taken = self.perform(CameraCommand::CornerPicture)?;
         let CameraAnswer::Corner(picture) = taken else { return CameraFault::mismatch_error() };
@@ -130,7 +131,7 @@ pub trait CameraPort: Port<CameraCommand> {
 
 impl<P: Port<CameraCommand> + ?Sized> CameraPort for P {}
 
-/// Cameras for uses in which no picture is ever taken, such as clearing an abort.
+/// Placeholder for operations that capture no picture, such as clearing an abort.
 #[derive(Debug)]
 pub struct NoCameras;
 
@@ -138,12 +139,12 @@ impl Port<CameraCommand> for NoCameras {
     fn perform(&mut self, command: CameraCommand) -> Result<CameraAnswer, CameraFault> {
         match command {
             CameraCommand::Check => Ok(CameraAnswer::Checked(vec![])),
-            _ => Err(CameraFault { camera: "the camera", why: "this command takes no picture".to_owned() }),
+            _ => Err(CameraFault { camera: "the camera", why: "this command needs no camera".to_owned() }),
         }
     }
 }
 
-/// A scanner and a flange camera.
+/// The 3D camera and the flange camera of a cell.
 #[derive(Debug)]
 pub struct Cameras<S, F> {
     /// The 3D camera.

@@ -1,6 +1,7 @@
-//! A port: accepts one command of its enum at a time, and returns one answer of another enum.
+//! The trait of the loop's ports. A port performs one command of its enum at a time, and returns one answer of another
+//! enum.
 
-/// A command of a port.
+/// A command that a port can perform.
 pub trait Command {
     /// The answer of the port to this command.
     type Answer;

@@ -1,4 +1,4 @@
-//! The port of the record. Each command returns when its data are on the disk.
+//! The port of the record. Each command returns after its data are stored on the disk.
 
 use super::port::{Command, Port};
 use panelprep_base::geometry::{Camera, ColorPicture, OrganizedCloud, Panel, Rigid};
@@ -12,11 +12,11 @@ use panelprep_cell::record::{
 use panelprep_store::store::CycleStart;
 use std::sync::Arc;
 
-/// Stores a picture, which takes longer than a loop may wait; returns the picture's name in the store. `None` if the
-/// disk is full and the picture was dropped.
+/// Stores a picture, which takes longer than the loop may wait. Returns the name of the picture in the store; `None` if
+/// the disk is full and the picture was dropped.
 pub type PictureStore = Box<dyn FnMut(&ColorPicture) -> Result<Option<String>, RecordError> + Send>;
 
-/// A figure for people.
+/// A picture with drawings for people.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Figure {
     /// The short name of the figure, such as `corner_before`.
@@ -27,35 +27,35 @@ pub struct Figure {
     pub picture: ColorPicture,
 }
 
-/// A partial result of a phase. Pictures and figures that are recorded after a finding belong to the next finding.
+/// A partial result of a phase. Pictures and figures belong to the finding that is recorded after them.
 #[derive(Debug, Clone)]
 pub enum Note {
     /// The finding of a stage.
     Finding(Finding),
-    /// A picture from a camera, with its name.
+    /// A picture from a camera, with the name under which it is recorded.
     Picture(String, ColorPicture),
-    /// The next picture of a clip, with its time, s; the next finding refers to the clip.
+    /// The next picture of a clip, with its time, s. The next finding refers to the clip.
     Frame(Arc<ColorPicture>, f64, Phase),
     /// A figure for people.
     Figure(Figure),
-    /// A picture that is in the store already.
+    /// A picture that is already in the store.
     Kept(StoredPicture),
-    /// The parts of the error at the tool that were measured now; the other parts keep their known values.
+    /// The components of the error at the tool that were measured now; the other components keep their known values.
     Budget(Budget),
 }
 
-/// Reference to a stored picture, attached to the next finding.
+/// Reference to a stored picture, which is added to the next finding.
 #[derive(Debug, Clone, PartialEq)]
 pub enum StoredPicture {
-    /// A picture as a camera delivered it.
+    /// An original picture of a camera.
     Shot(KeptFile),
-    /// The next picture of a clip, named by its hash.
+    /// The next picture of a clip, identified by its hash.
     Frame(ClipEntry),
     /// Drawn for people.
     Figure(Picture),
 }
 
-/// The requests to the record.
+/// The commands to the record.
 #[derive(Debug)]
 pub enum RecordCommand {
     /// Records the result of a phase.
@@ -75,7 +75,7 @@ pub enum RecordCommand {
     },
     /// Sets the number of permitted waypoints of the contact path in progress.
     Permit(u32),
-    /// Closes a motion: the robot is at rest.
+    /// Records the end of a motion; the robot is stationary.
     CloseIntent {
         /// The motion.
         motion: Motion,
@@ -84,12 +84,12 @@ pub enum RecordCommand {
         /// Number of executed waypoints.
         done: u32,
     },
-    /// Requests the places where the tool touched, or may have touched, this panel in earlier cycles, if the part is
+    /// Requests the places where the tool touched this panel in earlier cycles, or may have touched it, if the part is
     /// still the same.
     AbradedBefore,
-    /// Records a request with its answer. A request to the state table is recorded after the event that it causes.
+    /// Records a request with its reply. A request to the state table is recorded after the event that it causes.
     Asked(RequestRecord),
-    /// Records the clock's time: when a cycle begins, and when it is concluded.
+    /// Records the time of the clock, when a cycle begins and when it is concluded.
     Clock(Clock),
     /// Records the end of the cycle according to the state table, and the reasons if it was ended early.
     Conclude {
@@ -98,31 +98,31 @@ pub enum RecordCommand {
         /// The reasons for the verdict.
         because: Vec<Reason>,
     },
-    /// Begins a cycle; the commands that follow belong to this cycle.
+    /// Begins a cycle; the following commands belong to this cycle.
     Begin(CycleStart),
-    /// The commands that follow belong to no cycle.
+    /// Ends the assignment to a cycle; the following commands belong to no cycle.
     BetweenCycles,
-    /// Requests the area that the disc in use has swept, mm².
+    /// Requests the area that the present disc has swept, mm².
     DiscWorn,
-    /// Adds an area that the disc in use has swept, mm².
+    /// Adds this area, mm², to the area that the present disc has swept.
     WearDisc(f64),
     /// Records that a new disc was mounted.
     MountDisc,
-    /// Checks whether there is space for the record of a cycle; if not, the answer states the reason.
+    /// Checks whether the disk has space for the record of a cycle; if not, the answer contains the reason.
     Check,
-    /// Checks whether the disk has filled up since the last check; the answer states the reason, and what to delete.
-    /// After that, pictures are dropped; the journal continues until the cell is at rest.
+    /// Checks whether the disk has become full since the last check; the answer contains the reason, and what to
+    /// delete. After that, pictures are dropped; the journal continues until the cell is idle.
     Filled,
 }
 
-/// An answer of the record.
+/// The answers of the record.
 #[derive(Debug)]
 pub enum RecordAnswer {
-    /// The data were stored.
+    /// Answer to commands that only store data: the data are stored.
     Done,
     /// Answer to `Begin`.
     Cycle(CycleId),
-    /// Answer to `Conclude`: the verdict that was recorded, which is never better than the findings.
+    /// Answer to `Conclude`: the recorded verdict, which is never better than the findings.
     Concluded(Verdict),
     /// Answer to `DiscWorn`, mm².
     Worn(f64),
@@ -138,26 +138,26 @@ impl Command for RecordCommand {
     type Answer = Result<RecordAnswer, RecordError>;
 }
 
-/// The store cannot be written. Without the store, no motion is permitted.
+/// Error: the store cannot be written. Without the store, no motion is permitted.
 #[derive(Debug, thiserror::Error)]
-#[error("the record cannot be written: {0}")]
+#[error("the record of the cycle cannot be written: {0}")]
 pub struct RecordError(pub Box<dyn std::error::Error + Send + Sync>);
 
 impl RecordError {
     /// Returns the error for an answer to a different command; no port gives such an answer.
     fn mismatch_error<T>() -> Result<T, Self> {
-        Err(RecordError("internal fault: the response does not match the request".into()))
+        Err(RecordError("internal fault: the answer of the record does not match the command; report this".into()))
     }
 }
 
-/// The record's commands as functions. They fail if the record cannot be written or read.
+/// The commands of the record as functions. They fail if the record cannot be written or read.
 pub trait RecordPort: Port<RecordCommand> {
-    /// Performs a command whose answer only confirms that its data are recorded.
+    /// Performs a command whose answer only confirms that its data are stored.
     fn perform_and_forget(&mut self, command: RecordCommand) -> Result<(), RecordError> {
         self.perform(command).map(drop)
     }
 
-    /// Returns the places where the tool was on this panel in earlier cycles.
+    /// Returns the places where the tool touched this panel in earlier cycles.
     fn earlier_abrasions(&mut self) -> Result<Vec<EarlierPass>, RecordError> {
         let known = self.perform(RecordCommand::AbradedBefore)?;
         let RecordAnswer::Earlier(earlier) = known else { return RecordError::mismatch_error() };
@@ -178,14 +178,14 @@ pub trait RecordPort: Port<RecordCommand> {
         Ok(kept)
     }
 
-    /// Returns the area that the disc in use has swept, mm².
+    /// Returns the area that the present disc has swept, mm².
     fn disc_worn_mm2(&mut self) -> Result<f64, RecordError> {
         let worn = self.perform(RecordCommand::DiscWorn)?;
         let RecordAnswer::Worn(worn_mm2) = worn else { return RecordError::mismatch_error() };
         Ok(worn_mm2)
     }
 
-    /// Returns the reasons why there is no space for the record of a cycle; empty if there is space.
+    /// Returns the reasons why the disk has no space for the record of a cycle; empty if there is space.
     fn disk_space_problems(&mut self) -> Vec<Reason> {
         match self.perform(RecordCommand::Check) {
             Ok(RecordAnswer::Wrong(reasons)) => reasons,
@@ -194,7 +194,7 @@ pub trait RecordPort: Port<RecordCommand> {
         }
     }
 
-    /// Returns a reason if the disk has filled up since the last check.
+    /// Returns a reason if the disk has become full since the last check.
     fn disk_full_reason(&mut self) -> Option<Reason> {
         let Ok(RecordAnswer::Full(why)) = self.perform(RecordCommand::Filled) else { return None };
         why
@@ -203,13 +203,13 @@ pub trait RecordPort: Port<RecordCommand> {
 
 impl<P: Port<RecordCommand> + ?Sized> RecordPort for P {}
 
-/// The interface through which a phase stores its results. Each function returns when the data are stored, and fails if
-/// they cannot be stored.
+/// The interface through which a phase stores its results. Each function returns after the data are stored, and fails
+/// if they cannot be stored.
 pub trait Record {
     /// Stores a note.
     fn record_note(&mut self, note: Note) -> Result<(), RecordError>;
 
-    /// Shows viewers a scan in which the panel was found; the scan is not recorded.
+    /// Shows a scan in which the panel was found in the live view; the scan is not recorded.
     fn show_scan(&mut self, _scan: &OrganizedCloud<Camera>, _panel_from_camera: &Rigid<Panel, Camera>) {}
 
     /// See [`Note::Finding`].

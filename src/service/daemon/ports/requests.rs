@@ -1,4 +1,4 @@
-//! The source of requests, and the loop's reports to it.
+//! The source of requests to the loop, and the loop's reports to this source.
 
 use super::port::{Command, Port};
 use crate::daemon::operator_texts;
@@ -9,33 +9,33 @@ use panelprep_cell::cycle::{self, Id, Refusal, State};
 use panelprep_cell::record::CycleId;
 use panelprep_store::tape::LoopMemoryStart;
 
-/// The loop's questions and reports.
+/// The questions and reports of the loop to the source of requests.
 #[derive(Debug)]
 pub enum RequestCommand {
-    /// Asks for the next request; `State` is the present state of the cycle. The answer comes within milliseconds, in
+    /// Requests the next request; `State` is the present state of the cycle. The answer comes within milliseconds, in
     /// every state of the loop.
     Next(State),
-    /// Asks whether the loop may accept the result of this piece of work now. In a replay, it is accepted at the
+    /// Asks whether the loop may accept the result of this action now. In a replay, the result is accepted at the
     /// recorded point.
     LetsIn(Id),
-    /// Reports something that needs no answer.
+    /// Reports an event that needs no answer.
     Publish(LoopEvent),
 }
 
-/// The reports of the loop.
+/// The events that the loop reports.
 #[derive(Debug)]
 pub enum LoopEvent {
     /// The state table refused this request; an accepted reset may still fail later.
     Refused(cycle::Request, Refusal),
     /// The requested operation cannot begin.
     Unable(Vec<Reason>),
-    /// The request is not executed, because another side commands the cell.
+    /// The request is not executed, because the selector switch gives the control to another side.
     NotPermitted(Vec<Reason>),
-    /// A cycle began; the event contains the data that the loop keeps from before the cycle.
+    /// A cycle began. The event contains the data that the loop keeps from before the cycle.
     Begun(CycleId, LoopMemoryStart),
-    /// The cycle has its verdict.
+    /// The cycle has ended with this verdict.
     Concluded(Verdict),
-    /// A film is in progress; this is the duration of the part seen so far, s.
+    /// A film is in progress; the value is its present duration, s.
     Filmed(f64),
     /// The change to a new disc was recorded.
     DiscMounted,
@@ -44,7 +44,7 @@ pub enum LoopEvent {
 }
 
 impl LoopEvent {
-    /// Returns the reason if this event states that a request was refused in this state.
+    /// Returns the reason if this event reports that a request was refused in this state.
     pub fn refusal_reason(self, state: &State) -> Option<Reason> {
         match self {
             LoopEvent::Refused(request, refused) => Some(operator_texts::refusal(request, refused, state)),
@@ -54,14 +54,14 @@ impl LoopEvent {
     }
 }
 
-/// Answer to a request.
+/// The answers of the source of requests.
 #[derive(Debug)]
 #[expect(clippy::large_enum_variant, reason = "one answer exists at a time, and it is moved only once")]
 pub enum RequestAnswer {
-    /// Answer to `Next`: a request, or none. An error reports that a thread of the program failed: the loop stops the
-    /// robot and ends.
+    /// Answer to `Next`: the next request, if there is one. An error reports that a thread of the program failed; the
+    /// loop then stops the robot and ends.
     Next(Result<Option<Request>, ThreadFault>),
-    /// Answer to `LetsIn`: the same piece of work, if the loop may accept its result now.
+    /// Answer to `LetsIn`: the ID of the action, if the loop may accept its result now.
     LetsIn(Option<Id>),
     /// The answer to `Publish`.
     Done,
@@ -71,7 +71,7 @@ impl Command for RequestCommand {
     type Answer = RequestAnswer;
 }
 
-/// The commands of the source as functions.
+/// The commands to the source of requests as functions.
 pub trait RequestPort: Port<RequestCommand> {
     /// Returns the next request; see [`RequestCommand::Next`].
     ///
@@ -97,14 +97,14 @@ pub trait RequestPort: Port<RequestCommand> {
 
 impl<P: Port<RequestCommand> + ?Sized> RequestPort for P {}
 
-/// A source of requests: the simple interface for types that only provide requests.
+/// A simple source of requests: the interface for types that only provide requests.
 pub trait Requester {
     /// Returns the next request, or `None` if there is none; `state` is the present state of the cycle.
     ///
     /// # Errors
     /// If a thread of the program failed.
     fn next_request(&mut self, state: &State) -> Result<Option<Request>, ThreadFault>;
-    /// Receives a report of the loop; does nothing by default.
+    /// Receives an event that the loop reports; does nothing by default.
     fn on_loop_event(&mut self, _news: LoopEvent) {}
 }
 

@@ -1,5 +1,5 @@
-//! The interface of the loop to the robot, and to its compliant tool. The robot receives commands, returns reports, and
-//! has the clock of its motions; its last reported position can also be read from other threads ([`LastState`]). No
+//! The interface of the loop to the robot and its compliant tool. The robot receives commands, returns reports, and
+//! provides the clock of its motions. Its last reported position can also be read by other threads ([`LastState`]). No
 //! command waits for an answer of the tool.
 
 use super::port::{Command as PortCommand, Port};
@@ -17,42 +17,42 @@ use serde::Serialize;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-/// The requests to the robot.
+/// The commands to the robot.
 #[derive(Debug)]
 pub enum RobotCommand {
     /// Queues one command.
     Send(Command),
-    /// Queues a whole path, in the active base. If `permitted` is given, only this number of points is sent until more
-    /// are permitted.
+    /// Queues a whole path in the active base. If `permitted` is given, only this number of points is sent until more
+    /// points are permitted.
     Path {
         /// The points.
         points: Vec<MoveLin>,
-        /// The number of points that may be sent now.
+        /// The number of points that may be sent now; `None` if all may be sent.
         permitted: Option<u32>,
     },
     /// Permits the commands up to this one to be sent; `None` permits all of them.
     Permit(Option<CommandId>),
-    /// Requests a new epoch with a number above this one.
+    /// Requests a new epoch whose number is above this one.
     OpenEpoch(Epoch),
     /// Ends the epoch.
     Abort,
-    /// Waits for the next report. In lock step, time passes only here.
+    /// Waits for the next report. In lock step, time passes only during this command.
     Next,
     /// Reads the clock; in lock step, the virtual clock.
     Now,
 }
 
-/// An answer of the robot.
+/// The answers of the robot.
 #[derive(Debug)]
 pub enum RobotAnswer {
-    /// Answer to `Send` and `Path`: the number of the command, or of the path's last point.
+    /// Answer to `Send` and `Path`: the number of the command, or of the last point of the path.
     Queued(Result<CommandId, QueueError>),
     /// Answer to `OpenEpoch`: the requested epoch.
     Epoch(Result<Epoch, QueueError>),
     /// Answer to `Permit` and `Abort`.
     Done(Result<(), QueueError>),
-    /// Answer to `Next`: a report, or `None` if none arrived within the waiting time. An error states that the link's
-    /// thread failed, so that no further report will arrive.
+    /// Answer to `Next`: a report, or `None` if no report arrived within the waiting time. An error states that the
+    /// thread of the connection failed, so that no further report will arrive.
     Report(Result<Option<Report>, ThreadFault>),
     /// Answer to `Now`.
     Time(Time),
@@ -65,8 +65,8 @@ impl PortCommand for RobotCommand {
 /// The error for an answer to a different command; no port gives such an answer.
 const MISMATCH: QueueError = QueueError::NotConnected;
 
-/// The robot's commands as functions. Queuing fails if no controller is connected, no epoch is open, or the command
-/// cannot be executed.
+/// The commands of the robot as functions. A command cannot be queued if no controller is connected, no epoch is open,
+/// or the command cannot be executed.
 pub trait RobotPort: Port<RobotCommand> {
     /// Queues one command.
     fn send(&mut self, command: Command) -> Result<CommandId, QueueError> {
@@ -87,7 +87,7 @@ pub trait RobotPort: Port<RobotCommand> {
         done
     }
 
-    /// Requests a new epoch with a number above this one, and returns its number.
+    /// Requests a new epoch whose number is above this one; returns the number of the new epoch.
     fn open_epoch(&mut self, above: Epoch) -> Result<Epoch, QueueError> {
         let RobotAnswer::Epoch(asked) = self.perform(RobotCommand::OpenEpoch(above)) else { return Err(MISMATCH) };
         asked
@@ -99,7 +99,7 @@ pub trait RobotPort: Port<RobotCommand> {
         done
     }
 
-    /// Waits a limited time for the next report. Fails if the link's thread failed.
+    /// Waits a limited time for the next report. Fails if the thread of the connection failed.
     fn next(&mut self) -> Result<Option<Report>, ThreadFault> {
         let RobotAnswer::Report(report) = self.perform(RobotCommand::Next) else { return Ok(None) };
         report
@@ -114,7 +114,7 @@ pub trait RobotPort: Port<RobotCommand> {
 
 impl<P: Port<RobotCommand> + ?Sized> RobotPort for P {}
 
-/// A robot that is connected by a link.
+/// A robot that is connected over the network.
 pub struct LinkedRobot {
     link: BlockingLink,
     pace: ClockMode,
@@ -125,7 +125,7 @@ pub struct LinkedRobot {
 }
 
 impl LinkedRobot {
-    /// Creates the port of the robot at the other end of this link; `pace` is the clock mode.
+    /// Creates the port for the robot at the other end of this connection; `pace` is the clock mode.
     pub fn new(link: BlockingLink, pace: ClockMode) -> Self {
         LinkedRobot {
             link,
@@ -137,28 +137,30 @@ impl LinkedRobot {
         }
     }
 
-    /// Returns the handle that other threads use to read the robot's last state.
+    /// Returns the handle with which other threads read the last state of the robot.
     pub fn last_state(&self) -> LastState {
         self.last.clone()
     }
 
-    /// Returns the robot with a simulated world, which follows the reports of the controller. If the controller is not
-    /// a mock, it is reported as lost: a simulation must not affect the motion of a real arm.
+    /// Returns the robot together with a simulated world that follows the reports of the controller. If the controller
+    /// is not a mock controller, the robot is reported as not connected, because a simulation must not affect a real
+    /// arm.
     pub fn with_follower(self, follower: Follower) -> Self {
         LinkedRobot { follower: Some(follower), ..self }
     }
 
-    /// Returns the outputs by which the controller informs a production line.
+    /// Returns the outputs with which the controller reports the cell's state to a production line.
     pub fn line(&self) -> LineOutputs {
         self.link.line()
     }
 
-    /// Returns the fastest way to stop the robot; `None` in lock step, in which all events have a fixed order.
+    /// Returns the direct connection by which a stop reaches the robot fastest; `None` in lock step, in which all
+    /// events have a fixed order.
     pub fn stop_line(&self) -> Option<StopLine> {
         (self.pace == ClockMode::Wall).then(|| self.link.stop_line())
     }
 
-    /// Returns the link's thread, for its supervisor.
+    /// Returns the thread of the connection, for its supervisor.
     pub fn supervision_handle(&self) -> WatchedThread {
         self.link.supervision_handle()
     }
@@ -172,7 +174,7 @@ impl LinkedRobot {
         let report = self.link.next(REPORT_POLL_TIMEOUT);
         match &report {
             Some(Report::State(state) | Report::Connected { state }) => {
-                self.last.is(Some(state));
+                self.last.set(Some(state));
                 self.virtual_now = Time::from_ms(u64::from(state.time_ms));
                 if let Some(follower) = &self.follower {
                     if !Follower::is_simulated_controller(state) {
@@ -184,7 +186,7 @@ impl LinkedRobot {
                     follower.process_state(state);
                 }
             }
-            Some(Report::LinkLost { .. }) => self.last.is(None),
+            Some(Report::LinkLost { .. }) => self.last.set(None),
             Some(_) => {}
             None => self.link.supervision_handle().check_thread()?,
         }
@@ -192,8 +194,8 @@ impl LinkedRobot {
     }
 }
 
-/// Maximum time for which the loop waits for the robot by the wall clock before it checks its other inputs. In lock
-/// step, checking other inputs takes no time.
+/// Maximum time by the wall clock for which the loop waits for a report of the robot, before it checks its other
+/// inputs. In lock step, checking other inputs takes no time.
 const REPORT_POLL_TIMEOUT: Duration = Duration::from_millis(20);
 
 impl Port<RobotCommand> for LinkedRobot {
@@ -216,48 +218,49 @@ impl Port<RobotCommand> for LinkedRobot {
     }
 }
 
-/// Largest age of the robot's last state at which its axis positions still count as the present ones.
+/// Maximum age of the robot's last state at which its axis positions are still treated as the present positions.
 const MAX_STATE_AGE: Duration = Duration::from_millis(500);
 
-/// The robot's last state, and when it arrived. All clones share the same state.
+/// The robot's last state, and the time of its arrival. Clones share the same state.
 #[derive(Debug, Clone, Default)]
 pub struct LastState(Arc<Mutex<Option<(eki::State, Instant)>>>);
 
 impl LastState {
-    /// Records the last state; `None` if the link is lost.
-    pub fn is(&self, state: Option<&eki::State>) {
+    /// Records the last state; `None` if the connection is lost.
+    pub fn set(&self, state: Option<&eki::State>) {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = state.map(|state| (*state, Instant::now()));
     }
 
-    /// Returns the controller's mapped inputs as bits, if the state is recent.
+    /// Returns the mapped inputs of the controller as bits, if the last state is recent.
     pub(in crate::daemon) fn inputs(&self) -> Option<u32> {
         let (state, came) = (*self.0.lock().unwrap_or_else(PoisonError::into_inner))?;
         (came.elapsed() < MAX_STATE_AGE).then_some(state.inputs)
     }
 
-    /// Returns the positions of the axes while the arm is at rest, if the state is recent.
+    /// Returns the positions of the axes if the arm is stationary and the last state is recent.
     pub(in crate::daemon) fn resting_joints(&self) -> Option<Joints> {
         let (state, came) = (*self.0.lock().unwrap_or_else(PoisonError::into_inner))?;
         (came.elapsed() < MAX_STATE_AGE && !state.moving).then_some(state.joints)
     }
 }
 
-/// The requests to the tool.
+/// The commands to the compliant tool.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ToolCommand {
-    /// Presses with these set-points from now on.
+    /// Presses with these force set-points from now on.
     Press(ForceSetPoint),
     /// Reports the news.
     Report,
 }
 
-/// An answer of the tool.
+/// The answers of the compliant tool.
 #[derive(Debug, Clone, PartialEq)]
 pub enum ToolAnswer {
     /// Answer to `Press`.
     Done,
-    /// Answer to `Report`: a reading, or the loss of the tool's link; `None` if there is no new report.
+    /// Answer to `Report`: a measured value, or the loss of the connection to the tool; `None` if there is no new
+    /// report.
     Report(Option<ToolReport>),
 }
 
@@ -265,7 +268,7 @@ impl PortCommand for ToolCommand {
     type Answer = ToolAnswer;
 }
 
-/// The tool's commands as functions.
+/// The commands of the compliant tool as functions.
 pub trait ToolPort: Port<ToolCommand> {
     /// See [`ToolCommand::Press`].
     fn set_force(&mut self, press: ForceSetPoint) {
@@ -281,7 +284,7 @@ pub trait ToolPort: Port<ToolCommand> {
 
 impl<P: Port<ToolCommand> + ?Sized> ToolPort for P {}
 
-/// A tool that is connected by a link; `None` if the tool is a spring.
+/// A tool that is connected over the network; `None` if the tool is a spring.
 #[derive(Default)]
 pub struct LinkedTool(Option<Box<dyn ConnectedTool>>);
 

@@ -1,8 +1,8 @@
-//! The form of commands and answers in a recording, for each of the loop's ports. The recorder writes this form and the
-//! player reads it, in the same way for all commands.
+//! The format of commands and answers in a recording, for each port of the loop. The recorder writes this format and
+//! the player reads it, in the same way for all commands.
 //!
-//! [`Recordable`] converts a command and its answer to and from this form. [`RecordedPort`] is a port whose commands
-//! and answers are recorded: each command passes unchanged, and is recorded while the switch is on.
+//! [`Recordable`] converts a command and its answer to and from this format. [`RecordedPort`] is a port whose commands
+//! and answers are recorded: each command passes unchanged, and is recorded while the recording switch is on.
 
 use super::queue::Recorder;
 use super::switch::RecordingSwitch;
@@ -24,7 +24,7 @@ use std::ops::DerefMut;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// Returns a finding in the form in which it is compared, without elapsed times: these depend on the computer.
+/// Returns a finding in the form in which it is compared, without elapsed times, because these depend on the computer.
 pub(super) fn without_measured_times(mut finding: Value) -> Value {
     let numbers = finding.get_mut("numbers").and_then(Value::as_array_mut);
     for number in numbers.into_iter().flatten() {
@@ -36,10 +36,10 @@ pub(super) fn without_measured_times(mut finding: Value) -> Value {
     finding
 }
 
-/// Numbers that depend on the wall clock; no decision depends on them.
+/// Names of the measured times in findings that depend on the wall clock; no decision depends on them.
 const WALL_CLOCK_NUMBERS: [&str; 2] = [name::SCAN_TO_VERDICT, name::PER_PICTURE];
 
-/// An answer of a port, as it is recorded.
+/// An answer of a port in its recorded form.
 #[derive(Debug, Default)]
 pub struct RecordedAnswer {
     pub value: Value,
@@ -48,8 +48,8 @@ pub struct RecordedAnswer {
 
 /// A command that a recording can contain.
 pub trait Recordable: Command {
-    /// Returns the command's topic and its recorded form; null if the loop only receives data. Returns `None` if the
-    /// command is not recorded, since it follows from the data that the loop receives.
+    /// Returns the topic and the recorded form of the command; the form is null if the loop only receives data. Returns
+    /// `None` if the command is not recorded, because it follows from the data that the loop receives.
     fn recorded_command(&self) -> Option<(Topic, Value)>;
 
     /// Returns the recorded form of the answer; `None` if this kind of answer is not recorded.
@@ -58,28 +58,28 @@ pub trait Recordable: Command {
     /// Converts the recorded form to the answer to this command.
     fn parse_answer(&self, heard: RecordedAnswer) -> Result<Self::Answer, serde_json::Error>;
 
-    /// Returns the answer if the recording has none: the command is not recorded, there were no data, or the replay has
-    /// diverged from the recording. `now` is the clock's last reading.
+    /// Returns the answer if the recording contains none: the command is not recorded, there were no data, or the
+    /// replay has diverged from the recording. `now` is the last time that the clock returned.
     fn default_answer(&self, now: Time, has_diverged: bool) -> Self::Answer;
 
-    /// Returns whether a recorded answer is the one that the loop expects; true if the loop accepts any answer.
+    /// Returns whether a recorded answer is the answer that the loop expects; true if the loop accepts any answer.
     fn is_matching_answer(&self, _heard: &Value) -> bool {
         true
     }
 
-    /// Returns whether the recording may lack this command.
+    /// Returns whether the command may be missing in a recording.
     fn is_optional(&self) -> bool {
         false
     }
 
-    /// Informs the switch before the command is performed.
+    /// Informs the recording switch before the command is performed.
     fn before_command(&self, _switch: &RecordingSwitch) {}
 
-    /// Informs the switch about the answer.
+    /// Informs the recording switch about the answer.
     fn after_answer(_answer: &mut Self::Answer, _switch: &RecordingSwitch) {}
 }
 
-/// Returns the JSON form of a value; null if it has none.
+/// Returns the JSON form of a value; null if the value has none.
 pub(in crate::daemon::replay) fn to_json(value: &impl Serialize) -> Value {
     serde_json::to_value(value).unwrap_or(Value::Null)
 }
@@ -96,11 +96,11 @@ fn read<T: DeserializeOwned>(heard: RecordedAnswer) -> Result<T, serde_json::Err
 #[derive(Debug, Serialize, Deserialize)]
 struct ShotForm {
     size_px: [usize; 2],
-    /// Time by the camera's own clock; `None` for a shot that is not timed.
+    /// Time on the clock of the camera, s; `None` for a shot without a time.
     time_s: Option<f64>,
 }
 
-/// The recorded form of a camera's fault.
+/// The recorded form of a fault of a camera.
 #[derive(Debug, Serialize, Deserialize)]
 struct FaultForm {
     camera: String,
@@ -142,8 +142,8 @@ impl Recordable for CameraCommand {
                 taken(Shot::Scanner(Arc::new(taken_now.picture.clone())), Some(taken_now.time_s))
             }
             Ok(CameraAnswer::Corner(picture)) => taken(Shot::Flange(Arc::new(picture.clone())), None),
-            // With the wall clock, a film is polled until its next picture is available; the number of polls has no
-            // effect.
+            // With the wall clock, the camera is polled until the next picture of the film is available; the number of
+            // polls has no effect.
             Ok(CameraAnswer::NoneDue) => ok(Value::Null).filter(|_| recorder.is_lock_step()),
             Ok(CameraAnswer::FilmBegan(time_s)) => ok(json!(time_s)),
             Ok(CameraAnswer::FilmEnded(dropped)) => ok(json!(dropped)),
@@ -183,7 +183,7 @@ impl Recordable for CameraCommand {
 }
 
 impl CameraCommand {
-    /// Returns the recorded shot for this command.
+    /// Returns the answer to this command from the recorded shot.
     fn recorded_shot(&self, seen: Option<ShotForm>, shot: Option<Shot>) -> Result<CameraAnswer, CameraFault> {
         let time_s = seen.as_ref().and_then(|seen| seen.time_s);
         Ok(match (self, shot) {
@@ -206,7 +206,7 @@ impl CameraCommand {
 }
 
 fn missing_shot_fault() -> CameraFault {
-    CameraFault { camera: "a camera", why: "the recording contains no more pictures".to_owned() }
+    CameraFault { camera: "a camera", why: "the recording contains no further picture".to_owned() }
 }
 
 impl Recordable for RobotCommand {
@@ -232,7 +232,8 @@ impl Recordable for RobotCommand {
             RobotAnswer::Time(now) => {
                 let since = now.since_start();
                 let is_new = recorder.clock(u64::try_from(since.as_nanos()).unwrap_or(u64::MAX));
-                // With the wall clock every reading is recorded, even if two are equal: a replay needs all of them.
+                // With the wall clock every time that the clock returns is recorded, even if two are equal: a replay
+                // needs all of them.
                 if is_new || !recorder.is_lock_step() { value(to_json(&since)) } else { None }
             }
         }
@@ -310,10 +311,10 @@ impl Recordable for RequestCommand {
         match answer {
             RequestAnswer::Next(Ok(Some(Request { what, .. }))) => value(match what {
                 RequestKind::Table(request) => json!({ "for": request }),
-                // The start itself is recorded only if the state table refuses it; a start that is accepted begins a
-                // recording of its own.
+                // The start itself is recorded only if the state table refuses it. A start that is accepted begins a
+                // new recording.
                 RequestKind::Begin(prepared) => json!({ "for": prepared.request }),
-                // The reason has no effect on the cell.
+                // The reason of a hold has no effect on the cell, so it is not recorded.
                 RequestKind::Hold { .. } => json!({ "for": cycle::Request::Hold }),
                 RequestKind::NewDisc => json!("new_disc"),
                 RequestKind::Leave => json!("leave"),
@@ -350,7 +351,7 @@ impl Recordable for RequestCommand {
 
     fn default_answer(&self, _: Time, has_diverged: bool) -> RequestAnswer {
         match self {
-            // This request ends the loop, because the player's record refuses to write.
+            // This request ends the loop, because the record of the player returns an error for every write.
             RequestCommand::Next(_) if has_diverged => next(RequestKind::Table(cycle::Request::Abort)),
             RequestCommand::Next(_) => RequestAnswer::Next(Ok(None)),
             RequestCommand::LetsIn(_) => RequestAnswer::LetsIn(None),
@@ -386,7 +387,7 @@ fn next(what: RequestKind) -> RequestAnswer {
     RequestAnswer::Next(Ok(Some(Request::new(what, RequestAuthor::from_source(RequestSource::Program)))))
 }
 
-/// The name of the question which grids of the panel were abraded in earlier cycles.
+/// Name of the recorded question which grids of the panel were sanded in earlier cycles.
 const EARLIER_ABRASIONS: &str = "abraded_before";
 
 impl Recordable for RecordCommand {
@@ -395,7 +396,7 @@ impl Recordable for RecordCommand {
             RecordCommand::Note(Note::Finding(finding)) => return Some((Topic::Finding, to_json(finding))),
             RecordCommand::Event(event) => return Some((Topic::Event, to_json(event))),
             RecordCommand::Note(note) => note_form(note),
-            // The number of permitted waypoints is not recorded, since it follows from the reports of the robot.
+            // The number of permitted waypoints is not recorded, because it follows from the reports of the robot.
             RecordCommand::OpenIntent(motion) | RecordCommand::OpenContact { motion, .. } => {
                 json!({ "open_intent": motion })
             }
@@ -410,7 +411,7 @@ impl Recordable for RecordCommand {
             RecordCommand::MountDisc => json!("mount_disc"),
             RecordCommand::Check => json!("check"),
             RecordCommand::Filled => Value::Null,
-            // The author of a request and the clock's time have no influence on the decisions of a cycle.
+            // The author of a request and the time of the clock have no influence on the decisions of a cycle.
             RecordCommand::Permit(_)
             | RecordCommand::Asked(_)
             | RecordCommand::Clock(_)
@@ -476,8 +477,8 @@ impl Recordable for RecordCommand {
     }
 }
 
-/// Returns the recorded form of a phase's result. The form is the same for a picture in the store and for one that is
-/// still to be stored.
+/// Returns the recorded form of the result of a phase. The form is the same for a picture that is already in the store
+/// and for a picture that is not stored yet.
 fn note_form(note: &Note) -> Value {
     let frame = |time_s: f64, phase: Phase| json!({ "frame": { "time_s": time_s, "phase": phase.keyword() } });
     let figure = |name: &str, caption: &str| json!({ "figure": { "name": name, "caption": caption } });
@@ -500,7 +501,7 @@ pub struct RecordedPort<P> {
 }
 
 impl<P> RecordedPort<P> {
-    /// Returns this port; its commands are recorded while the switch is on.
+    /// Wraps this port; its commands are recorded while the recording switch is on.
     pub fn new(port: P, switch: RecordingSwitch) -> Self {
         RecordedPort { port, switch }
     }

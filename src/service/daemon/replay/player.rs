@@ -1,15 +1,15 @@
-//! The ports without a cell: each call of the loop is answered with the recorded data.
+//! Ports without a cell: each call of the loop is answered with recorded data.
 //!
-//! The order of the loop's calls follows from the data that the loop receives. So the recording's next entry is the
-//! next call of the loop, or the next data for it: the loop receives a report only if the next entry is a report, and
-//! otherwise nothing. If the loop makes the same call with other content, this is a difference, and the replay
-//! continues with the recorded data. If the loop makes another call, or none, the replay has diverged from the
-//! recording and ends there.
+//! The order of the loop's calls follows from the data that the loop receives. Therefore the next entry of the
+//! recording is either the next call of the loop or the next data for it: the loop receives a report only if the next
+//! entry is a report, and otherwise nothing. If the loop makes the same call with other content, this is a difference,
+//! and the replay continues with the recorded data. If the loop makes another call, or none, the replay has diverged
+//! from the recording and ends.
 //!
-//! Earlier versions of the program stored the name, value, unit and limit of each number of a finding in another order,
-//! and did not store all numbers on which a gate decides. A finding of this version is therefore converted to the form
-//! of such a recording before the two are compared: of each number, only the values that the recording has, in the
-//! recording's order. Everything that a recording contains is compared.
+//! Earlier versions of the program stored name, value, unit and limit of each measured value of a finding in another
+//! order, and did not store all values on which a check decides. Therefore a finding of this version is converted to
+//! the form of such a recording before both are compared: of each measured value, only the fields that the recording
+//! has, in the order of the recording. Everything that a recording contains is compared.
 
 use super::form::{Recordable, RecordedAnswer, film_role, without_measured_times};
 use crate::daemon::ports::Port;
@@ -24,25 +24,25 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// The entries of a recording.
+/// The entries of a recording, in order.
 type Source<'a> = Box<dyn Iterator<Item = Result<Entry, TapeError>> + Send + 'a>;
 
-/// Number of iterations of the loop that may pass without an entry of the recording. After more iterations the replay
-/// has diverged: the loop waits for an entry that the recording does not have.
+/// Maximum number of iterations of the loop without an entry of the recording. After more iterations the replay has
+/// diverged: the loop waits for an entry that is not in the recording.
 const MAX_IDLE_ROUNDS: u32 = 3;
 
-/// A player of a recording. All clones share the same player, so that each port may have one.
+/// A player of a recording. Clones share the same player, so that each port may have one.
 #[derive(Clone)]
 pub struct Player<'a>(Arc<Mutex<Playback<'a>>>);
 
 /// The result of a replay.
 #[derive(Debug)]
 pub struct ReplayResult {
-    /// The differences, in order.
+    /// The differences between replay and recording, in the order of their times.
     pub differences: Vec<Difference>,
     /// Whether the replay agrees with the recording up to its end.
     pub is_complete: bool,
-    /// The error if the recording could not be read.
+    /// The error because of which the recording could not be read, if any.
     pub error: Option<TapeError>,
     /// Number of entries that were played.
     pub entries: u64,
@@ -51,9 +51,9 @@ pub struct ReplayResult {
 struct Playback<'a> {
     source: Source<'a>,
     lock_step: bool,
-    /// The time at which the last result was passed to the loop.
+    /// The time at which the last computed result was passed to the loop, ns.
     result_ns: Option<u64>,
-    /// Entries that were read ahead: the calls and answers of the loop. The next field has the entries of the cameras,
+    /// Entries that were read ahead: the calls and answers of the loop. The next field contains those of the cameras,
     /// which may be read in parallel with the loop.
     ahead: VecDeque<Entry>,
     seen: VecDeque<Entry>,
@@ -68,7 +68,7 @@ struct Playback<'a> {
 
 impl<'a> Player<'a> {
     /// Creates a player of these entries of a recording. `lock_step` states whether the recorded cycle used the robot's
-    /// own time.
+    /// time.
     pub fn new(entries: impl Iterator<Item = Result<Entry, TapeError>> + Send + 'a, lock_step: bool) -> Self {
         Player(Arc::new(Mutex::new(Playback {
             source: Box::new(entries),
@@ -94,11 +94,12 @@ impl<'a> Player<'a> {
     pub fn replay_result(&self) -> ReplayResult {
         let mut playback = self.lock();
         if !playback.has_diverged && playback.peek_entry(false).is_some() {
-            playback.part("the loop has ended");
+            playback.end_replay("the loop has ended");
         }
         playback.skip_film(true);
-        // If a camera call remains whose work had a result before the end, this is a difference: the loop no longer
-        // makes this call. If its work had no result, the call may have been in progress when the loop ended.
+        // A camera call that remains in the recording is a difference if its action had a result before the end,
+        // because the loop no longer makes this call. If the action had no result, the call may have been in progress
+        // when the loop ended.
         let (parted, until_ns) = (playback.has_diverged, playback.result_ns);
         let left = playback
             .peek_entry(true)
@@ -154,12 +155,12 @@ impl Playback<'_> {
         if topic == Topic::Request && said.is_null() {
             self.rounds += 1;
             if !self.has_diverged && self.rounds > MAX_IDLE_ROUNDS {
-                self.part("the loop waits");
+                self.end_replay("the loop waits");
             }
         }
         let entry = match said.is_null() || command.is_optional() {
-            true => self.listen(topic, &said, |heard| command.is_matching_answer(heard)),
-            false => self.call(topic, &said),
+            true => self.take_data(topic, &said, |heard| command.is_matching_answer(heard)),
+            false => self.take_matching_call(topic, &said),
         };
         let Some(Entry { reply: value, shot, .. }) = entry else {
             return command.default_answer(self.now, self.has_diverged);
@@ -172,8 +173,8 @@ impl Playback<'_> {
         })
     }
 
-    /// Returns the data on this topic if they are the next entry.
-    fn listen(&mut self, topic: Topic, said: &Value, fits: impl Fn(&Value) -> bool) -> Option<Entry> {
+    /// Returns the next entry if it contains data on this topic.
+    fn take_data(&mut self, topic: Topic, said: &Value, fits: impl Fn(&Value) -> bool) -> Option<Entry> {
         let is_next = |next: &Entry| next.topic == topic && next.action == *said && fits(&next.reply);
         if self.has_diverged || !self.peek_entry(false).is_some_and(is_next) {
             return None;
@@ -188,7 +189,7 @@ impl Playback<'_> {
     }
 
     /// Skips the rest of a film. With the wall clock a film is evaluated on a separate thread, and the pictures that
-    /// were recorded after the film was abandoned are not needed.
+    /// were recorded after the film was ended early are not needed.
     fn skip_film(&mut self, with_its_begin: bool) {
         let is_left = |next: &Entry| {
             let (begins, goes_on) = film_role(&next.action);
@@ -200,7 +201,7 @@ impl Playback<'_> {
     }
 
     /// Compares a call of the loop with the next entry; returns the entry if both match.
-    fn call(&mut self, topic: Topic, said: &Value) -> Option<Entry> {
+    fn take_matching_call(&mut self, topic: Topic, said: &Value) -> Option<Entry> {
         if self.has_diverged {
             return None;
         }
@@ -208,9 +209,9 @@ impl Playback<'_> {
         if let (true, (begins, false)) = (cameras, film_role(said)) {
             self.skip_film(!begins);
         }
-        let fits = |next: &Entry| next.topic == topic && !next.action.is_null() && same_call(&next.action, said);
+        let fits = |next: &Entry| next.topic == topic && !next.action.is_null() && is_same_call(&next.action, said);
         if !self.peek_entry(cameras).is_some_and(fits) {
-            self.part(&format!("{} {}", topic.name(), shorten_value(said)));
+            self.end_replay(&format!("{} {}", topic.name(), shorten_value(said)));
             return None;
         }
         let entry = self.pop_entry(cameras)?;
@@ -230,7 +231,7 @@ impl Playback<'_> {
     }
 
     /// Ends the replay, because the loop makes a call other than the recorded one.
-    fn part(&mut self, now: &str) {
+    fn end_replay(&mut self, now: &str) {
         let next = self.peek_entry(false).map(|next| {
             let what = if next.action.is_null() { &next.reply } else { &next.action };
             (next.at_ns, format!("{} {}", next.topic.name(), shorten_value(what)))
@@ -246,9 +247,9 @@ impl Playback<'_> {
     }
 }
 
-/// Returns whether two commands are the same call, whatever their content: the same word, or objects with the same
-/// first key.
-fn same_call(recorded: &Value, now: &Value) -> bool {
+/// Returns whether two commands are the same call, whatever their content: they have the same word, or are objects with
+/// the same first key.
+fn is_same_call(recorded: &Value, now: &Value) -> bool {
     match (recorded, now) {
         (Value::Object(before), Value::Object(after)) => {
             let is_call = before.len() == 1 && after.len() == 1;
@@ -267,13 +268,13 @@ impl<C: Recordable> Port<C> for Player<'_> {
 /// One difference.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Difference {
-    /// The time of the difference, s since the recording began.
+    /// The time of the difference since the beginning of the recording, s.
     pub at_s: f64,
-    /// The topic, and the value within the topic.
+    /// The topic, and the path of the value within the topic.
     pub what: String,
     /// The recorded value.
     pub recorded: String,
-    /// The value of the replay.
+    /// The value in the replay.
     pub now: String,
 }
 
@@ -310,15 +311,15 @@ fn compare(place: String, recorded: &Value, now: &Value, found: &mut Vec<(String
     }
 }
 
-/// Returns the name of an entry of a list: the entry's own name, or its index.
+/// Returns the name of a list entry: the value of its field `name`, or its index.
 fn name(index: usize, value: &Value) -> String {
     value.get("name").and_then(Value::as_str).map_or_else(|| index.to_string(), str::to_owned)
 }
 
-/// Longest text that is shown for one of the two values.
+/// Maximum length of each of the two shown values, characters.
 const MAX_TEXT_LENGTH: usize = 200;
 
-/// Returns a value as text; cuts a long text off.
+/// Returns a value as text; a long text is truncated.
 fn shorten_value(value: &Value) -> String {
     let text = value.to_string();
     if text.chars().count() <= MAX_TEXT_LENGTH {
@@ -328,8 +329,8 @@ fn shorten_value(value: &Value) -> String {
     format!("{cut}…")
 }
 
-/// The beginnings of the names of the numbers that earlier versions of this program did not store. They were added when
-/// all numbers of a gate became checks of its finding.
+/// Prefixes of the names of measured values that earlier versions of this program did not store. They were added when
+/// all values on which a check decides became part of its finding.
 const NAMES_SINCE_CHECKS: [&str; 12] = [
     panelprep_vision::locate::refine::FARTHEST_CORNER,
     film::DRY_PICTURE,
@@ -345,7 +346,7 @@ const NAMES_SINCE_CHECKS: [&str; 12] = [
     name::BEGUN_GRIDS_NAME,
 ];
 
-/// Returns a finding of this program in the form of the recorded finding.
+/// Converts a finding of this program to the form of the recorded finding.
 fn convert_to_recorded_form(recorded: &Value, mut now: Value) -> Value {
     let empty = Vec::new();
     let kept = recorded["numbers"].as_array().unwrap_or(&empty);
@@ -357,14 +358,14 @@ fn convert_to_recorded_form(recorded: &Value, mut now: Value) -> Value {
             number.remove(key);
         }
     }
-    // Removes the numbers that an earlier version of this program did not report at all.
+    // Removes the values that an earlier version of this program did not report.
     found.retain(|number| {
         let is_new =
             number["name"].as_str().is_some_and(|name| NAMES_SINCE_CHECKS.iter().any(|new| name.starts_with(new)));
         !is_new || kept.iter().any(|other| other["name"] == number["name"])
     });
     let place = |number: &Value| kept.iter().position(|other| other["name"] == number["name"]);
-    // The sort is stable: numbers that the recording lacks come last, and are a difference.
+    // The sort is stable: values that are not in the recording come last, and are a difference.
     found.sort_by_key(|number| place(number).unwrap_or(usize::MAX));
     now
 }
@@ -390,8 +391,8 @@ mod tests {
         Check::new("shift", "mm", 12.5)
     }
 
-    /// Returns the numbers as an earlier version of this program wrote them: in another order, and with only four
-    /// values for each number.
+    /// Returns the measured values as an earlier version of this program wrote them: in another order, and with only
+    /// four fields for each value.
     fn earlier() -> Value {
         let mut recorded = found([]);
         recorded["numbers"] = json!([

@@ -1,11 +1,12 @@
-//! The path from the loop to the disk: a bounded queue and the thread that empties it.
+//! Transfer of the recorded data from the loop to the disk: a bounded queue, and the thread that empties it.
 //!
-//! In lock step, the loop waits while the queue is full, as long as the disk accepts data, since no clock runs. With
-//! the wall clock the loop never waits: an entry for which there is no space is counted, and the recording states that
-//! it has a gap. If the disk refuses data, or has too little free space, only the recording ends.
+//! In lock step, no clock runs while the loop waits; therefore the loop waits while the queue is full, as long as the
+//! disk accepts data. With the wall clock the loop never waits: an entry for which the queue has no space is counted,
+//! and the recording states that it has a gap. If the disk refuses data, or has too little free space, only the
+//! recording ends.
 
 use super::super::computing::NICE;
-use super::super::recording::FLOOR_MB;
+use super::super::recording::MIN_FREE_SPACE_MB;
 use panelprep_base::supervision::SupervisedThread;
 use panelprep_store::tape::{Entry, LostEntries, RecordingEnd, Shot, TapeError, Topic, Writer};
 use serde::{Deserialize, Serialize};
@@ -16,20 +17,20 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// Free disk space below which a recording ends, MB: twice the space that the service needs to begin a cycle.
-pub const RECORDING_FLOOR_MB: u64 = 2 * FLOOR_MB;
+/// Minimum free disk space for a recording, MB: twice the space that the service needs to begin a cycle.
+pub const MIN_FREE_SPACE_FOR_RECORDING_MB: u64 = 2 * MIN_FREE_SPACE_MB;
 
-/// Largest amount of pictures and points that wait to be compressed, bytes: some seconds of film at full size.
+/// Maximum size of the pictures and points that wait to be compressed, bytes: some seconds of film at full size.
 const MAX_QUEUED_BYTES: usize = 256 << 20;
 /// Approximate size of a number, a word, a list or an object in an entry, bytes.
 const VALUE_BYTES: usize = 100;
-/// Interval at which written data is flushed to the disk, and at which the free space is checked.
+/// Interval at which written data are flushed to the disk and the free space is checked.
 const FLUSH_INTERVAL: Duration = Duration::from_secs(1);
-/// Longest wait for a disk that accepts no data: for space in the queue, and at the end.
+/// Maximum time to wait for a disk that accepts no data: for space in the queue, and below it at the end.
 const DISK_TIMEOUT: Duration = Duration::from_secs(2);
 const CLOSE_TIMEOUT: Duration = Duration::from_secs(20);
 
-/// The input of the queue; any thread may use it.
+/// The sending end of the queue; any thread may use it.
 #[derive(Debug, Clone)]
 pub struct Recorder(Arc<Shared>);
 
@@ -38,8 +39,7 @@ struct Shared {
     inside: Mutex<Inside>,
     changed: Condvar,
     bounds: QueueBounds,
-    /// Reports that the thread is alive, except while the thread waits for the disk: a disk that hangs ends only the
-    /// recording.
+    /// The heartbeat of the thread, except while it waits for the disk: a disk that hangs only ends the recording.
     sign: Option<Arc<SupervisedThread>>,
 }
 
@@ -67,26 +67,26 @@ impl QueueBounds {
 struct Inside {
     waiting: VecDeque<Entry>,
     bytes: usize,
-    /// The loop's clock at the beginning of the recording. The next field is the time since then.
+    /// The time of the loop's clock at the beginning of the recording. The next field is the time since then.
     origin_ns: Option<u64>,
     now_ns: u64,
     lost: Vec<LostEntries>,
-    /// Whether the disk has hung once.
+    /// Whether the disk has already hung once.
     has_hung: bool,
-    /// Whether the queue is closed, so that no more entries come.
+    /// Whether the queue is closed, so that no further entry will come.
     closed: bool,
-    /// The reason why no more entries can be written.
+    /// The reason why no further entry can be written.
     stopped: Option<String>,
     entries: u64,
     /// Whether the thread has ended.
     ended: bool,
 }
 
-/// Returns the free space on the disk of the recording, MB.
+/// Measures the free space on the disk of the recording, MB.
 pub(super) type FreeSpace = Box<dyn FnMut() -> std::io::Result<u64> + Send>;
 
-/// A recording in progress; [`Recording::finish`] ends it. If it is dropped instead, the recording stays incomplete, as
-/// after a crash.
+/// A recording in progress; [`Recording::finish`] ends it. If this value is dropped instead, the recording is
+/// incomplete, as after a crash.
 #[derive(Debug)]
 pub struct Recording {
     file: String,
@@ -127,8 +127,7 @@ impl RecordingResult {
         RecordingResult { file, is: RecordingStatus::Whole, entries, message }
     }
 
-    /// Returns the status of a recording that cannot be replayed, for this reason; its number of entries is not
-    /// known.
+    /// Returns the status of a recording that cannot be replayed, for this reason; its number of entries is not known.
     pub fn incomplete_recording(file: String, why: &str) -> Self {
         let message = format!("{file} cannot be replayed: {why}");
         RecordingResult { file, is: RecordingStatus::NotWhole, entries: 0, message }
@@ -136,10 +135,10 @@ impl RecordingResult {
 }
 
 impl Recording {
-    /// Starts the thread that opens a file of this name and writes to it.
+    /// Starts the thread that creates a file with this name and writes to it.
     ///
     /// # Errors
-    /// If the system provides no thread.
+    /// If the operating system cannot start a thread.
     pub(super) fn start<W: Write + Send + 'static>(
         file: String,
         open: impl FnOnce() -> Result<Writer<W>, TapeError> + Send + 'static,
@@ -150,8 +149,8 @@ impl Recording {
         let recorder = Recorder(Arc::new(shared));
         let shared = recorder.0.clone();
         let write = move || {
-            // The loss of a recording is less serious than a delay of the loop, so this thread has the same low
-            // priority as computing.
+            // A lost recording is less serious than a delay of the loop, so this thread has the same low priority as
+            // the computing thread.
             if !bounds.is_blocking
                 && let Err(error) = rustix::process::setpriority_process(None, NICE)
             {
@@ -170,7 +169,7 @@ impl Recording {
         Ok(Recording { file, recorder, thread })
     }
 
-    /// Returns the input of the queue.
+    /// Returns the sending end of the queue.
     pub fn recorder(&self) -> Recorder {
         self.recorder.clone()
     }
@@ -187,7 +186,8 @@ impl Recording {
         if recorder.wait_for_end() {
             #[expect(
                 clippy::let_underscore_must_use,
-                reason = "a panic of the thread was reported when it happened, and leaves an incomplete recording"
+                reason = "the recording is incomplete, because its thread panicked (see the earlier message in the \
+                          log); record the cycle again"
             )]
             let _ = thread.join();
         }
@@ -195,7 +195,7 @@ impl Recording {
     }
 }
 
-/// Reports the end of the thread when it is dropped, so also after a panic.
+/// Records the end of the thread when it is dropped, also after a panic.
 struct ThreadEndGuard {
     shared: Arc<Shared>,
     panics: bool,
@@ -206,7 +206,7 @@ impl Drop for ThreadEndGuard {
         let mut inside = self.shared.lock();
         inside.ended = true;
         if self.panics {
-            inside.stop("the recording thread has ended; see the log".to_owned());
+            inside.stop("the recording thread has ended early; see the log".to_owned());
         }
         drop(inside);
         self.shared.changed.notify_all();
@@ -214,13 +214,13 @@ impl Drop for ThreadEndGuard {
 }
 
 impl Recorder {
-    /// Records an entry with the time of the last [`Recorder::clock`].
+    /// Adds an entry with the time that was last set by [`Recorder::clock`].
     pub fn record_entry(&self, mut entry: Entry) {
         let shared = &*self.0;
         let QueueBounds { is_blocking: waits, max_bytes: most_bytes, disk_timeout: hangs, .. } = shared.bounds;
         let bytes = size(&entry);
         let mut inside = shared.lock();
-        // If the queue is empty, it accepts an entry of any size.
+        // An empty queue accepts an entry of any size.
         while inside.bytes > 0 && inside.bytes + bytes > most_bytes && inside.is_accepting() {
             if !waits || inside.has_hung {
                 let at_ns = inside.now_ns;
@@ -241,8 +241,8 @@ impl Recorder {
         shared.changed.notify_all();
     }
 
-    /// Records the loop's clock; returns true if the time is new. The recording's time begins with the first
-    /// reading.
+    /// Records the time of the loop's clock; returns true if the time has changed. The time of the recording begins
+    /// with the first call.
     pub fn clock(&self, now_ns: u64) -> bool {
         let mut inside = self.0.lock();
         let is_first = inside.origin_ns.is_none();
@@ -257,13 +257,13 @@ impl Recorder {
         self.0.bounds.is_blocking
     }
 
-    /// Closes the queue: no more entries will come.
+    /// Closes the queue: no further entries are accepted.
     pub(super) fn close(&self) {
         self.0.lock().closed = true;
         self.0.changed.notify_all();
     }
 
-    /// Waits for the thread's end; returns false if its disk hangs, and the thread then continues to run.
+    /// Waits for the end of the thread; returns false if the disk hangs and the thread therefore continues to run.
     fn wait_for_end(&self) -> bool {
         let Shared { changed, bounds, .. } = &*self.0;
         let mut inside = self.0.lock();
@@ -275,7 +275,7 @@ impl Recorder {
             inside = guard;
             if waited.timed_out() {
                 inside.stop(format!(
-                    "the disk of the recording accepted no data for {} s",
+                    "the disk of the recording accepted no data for {} s; check the disk",
                     bounds.final_disk_timeout.as_secs_f64()
                 ));
                 return false;
@@ -284,7 +284,7 @@ impl Recorder {
         true
     }
 
-    /// Returns the status of a recording in this file.
+    /// Returns the status of the recording in this file.
     pub(super) fn status(&self, file: &str) -> RecordingResult {
         let inside = self.0.lock();
         let Inside { entries, lost, stopped, .. } = &*inside;
@@ -316,7 +316,7 @@ impl Inside {
         }
     }
 
-    /// Stops the recording; a thread that waits for space in the queue continues.
+    /// Stops the recording, and wakes threads that wait for space in the queue.
     fn stop(&mut self, why: String) {
         if self.stopped.is_none() {
             tracing::warn!("the recording stops: {why}");
@@ -332,7 +332,7 @@ impl Shared {
         self.inside.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Runs the thread: writes the entries until the queue is closed, or until the disk has too little free space.
+    /// Writes the entries until the queue is closed, or until the disk has too little free space.
     fn run_writer<W: Write>(&self, mut writer: Writer<W>, room: &mut FreeSpace) -> Result<(), TapeError> {
         let mut flushed = Instant::now();
         let mut has_room = self.has_free_space(room);
@@ -356,9 +356,9 @@ impl Shared {
             sign.report_resting();
         }
         let free_mb = match room() {
-            // If the free space cannot be read, the thread continues to write; the disk reports when it is full.
+            // If the free space cannot be measured, the thread continues to write; a full disk returns an error.
             Err(_) => return true,
-            Ok(free_mb) if free_mb >= RECORDING_FLOOR_MB => return true,
+            Ok(free_mb) if free_mb >= MIN_FREE_SPACE_FOR_RECORDING_MB => return true,
             Ok(free_mb) => free_mb,
         };
         self.lock().stop(disk_full_message(free_mb));
@@ -366,7 +366,7 @@ impl Shared {
         false
     }
 
-    /// Writes the waiting entries, or waits a while for some; returns false if no more entries come.
+    /// Writes the waiting entries, or waits some time for entries; returns false if no further entry will come.
     fn write_next<W: Write>(&self, writer: &mut Writer<W>) -> Result<bool, TapeError> {
         if let Some(sign) = &self.sign {
             sign.report_working();
@@ -402,9 +402,9 @@ fn value_size(value: &Value) -> usize {
         }
 }
 
-/// Describes why nothing is recorded on a disk with this free space.
+/// Describes why no recording is made on a disk with this free space.
 pub fn disk_full_message(free_mb: u64) -> String {
-    format!("the disk of the recording has {free_mb} MB free (minimum {RECORDING_FLOOR_MB} MB); free some space")
+    format!("the disk of the recording has {free_mb} MB of free space (minimum {MIN_FREE_SPACE_FOR_RECORDING_MB} MB); delete files")
 }
 
 fn disk(error: std::io::Error) -> TapeError {

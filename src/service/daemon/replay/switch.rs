@@ -1,9 +1,9 @@
-//! The switch of all recorded ports: which cycle is recorded, and in which file.
+//! The recording switch of all recorded ports: which cycle is recorded, and in which file.
 //!
-//! The command that runs one cycle records from its start on. The service runs for months, so it records single cycles:
-//! from the moment at which the loop accepts the order of a cycle until the loop is at rest again. The recording begins
-//! with the memory that the loop had before the cycle. All slow work (the file, its beginning, each entry) is done by
-//! the recording's own thread.
+//! The command that runs one cycle records from its start. The service runs for months, so it records single cycles:
+//! from the moment at which the loop receives the request to start a cycle until the loop is idle again. The recording
+//! begins with the data that the loop keeps from before the cycle. All slow work (the file, its beginning, each entry)
+//! is done by the recording's own thread.
 
 use super::super::Calibrations;
 use super::queue::{FreeSpace, QueueBounds, Recorder, Recording, RecordingResult};
@@ -20,21 +20,22 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-/// Longest time between two heartbeats of the writing thread; compressing a picture takes less.
+/// Maximum time between two heartbeats of the writing thread; compressing a picture takes less.
 const HEARTBEAT_TIMEOUT: Duration = Duration::from_secs(20);
 
 /// The data with which a recording begins, and its file.
 #[derive(Debug, Clone)]
 pub struct RecordingPlan {
-    /// A new file; `None` if the store names it by the cycle's number.
+    /// The path of a new file; `None` if the store names the file by the cycle's number.
     pub file: Option<PathBuf>,
-    /// The files that the cycle uses, by their names in the recording.
+    /// The files that the cycle uses, with their names in the recording.
     pub files: Vec<(String, Vec<u8>)>,
     /// The calibrations.
     pub calibrations: Calibrations,
 }
 
-/// The switch that decides whether the traffic of the ports is recorded now. All clones share the same switch.
+/// The switch that decides whether the commands and answers of the ports are recorded now. Clones share the same
+/// switch.
 #[derive(Debug, Clone)]
 pub struct RecordingSwitch(Arc<Mutex<Inside>>);
 
@@ -42,23 +43,23 @@ pub struct RecordingSwitch(Arc<Mutex<Inside>>);
 struct Inside {
     store: PathBuf,
     lock_step: bool,
-    /// The state in which the loop last asked for a request.
+    /// The state in which the loop last requested the next request.
     state: State,
-    /// For the cycle that is being started: the plan of its recording, the request to the state table, and the state at
+    /// For a cycle that is being started: the plan of its recording, the request to the state table, and the state at
     /// that time.
     wanted: Option<(RecordingPlan, Request, State)>,
     recorder: Option<Recorder>,
-    /// Whether the cycle is over; the answers that are still expected belong to it.
+    /// Whether the cycle has ended; answers that are still expected belong to it.
     is_over: bool,
-    /// The recording that has ended, until [`RecordingSwitch::finished_recording`] takes it.
+    /// The recording that has ended, until it is taken by [`RecordingSwitch::finished_recording`].
     recording: Option<Recording>,
-    /// The last recording, for status requests.
+    /// File and recorder of the last recording, for its status.
     last: Option<(String, Recorder)>,
-    /// The supervisor of the threads that write.
+    /// The supervisor of the writing threads.
     supervisor: Supervisor,
 }
 
-/// Returns the folder with the recordings of a store.
+/// Returns the folder of the recordings of a store.
 pub fn recordings(store: &Path) -> PathBuf {
     store.join("recordings")
 }
@@ -69,7 +70,7 @@ pub fn recording_file(store: &Path, cycle: CycleId) -> PathBuf {
 }
 
 impl RecordingSwitch {
-    /// Creates a switch that is off; recordings without a file of their own are stored in this store's folder.
+    /// Creates a switch that is off; recordings without a given file are stored in the folder of this store.
     pub fn new(store: &Path, lock_step: bool) -> Self {
         RecordingSwitch(Arc::new(Mutex::new(Inside {
             store: store.to_owned(),
@@ -84,12 +85,12 @@ impl RecordingSwitch {
         })))
     }
 
-    /// Registers the threads that write at this supervisor.
+    /// Registers the writing threads at this supervisor.
     pub fn watched_by(&self, supervisor: &Supervisor) {
         self.lock().supervisor = supervisor.clone();
     }
 
-    /// Records from now on in this file, which is new, until [`RecordingSwitch::finish`].
+    /// Records in this new file from now on, until [`RecordingSwitch::finish`].
     ///
     /// # Errors
     /// If the file already exists, or the disk cannot be written.
@@ -98,7 +99,7 @@ impl RecordingSwitch {
         self.lock().start((file, to), state, LoopMemoryStart::Boot, move || Ok(out))
     }
 
-    /// Ends the recording and waits until it is written; `None` if nothing was recorded.
+    /// Ends the recording and waits until it is written; `None` if no recording was in progress.
     pub fn finish(&self) -> Option<RecordingResult> {
         let recording = {
             let mut inside = self.lock();
@@ -114,7 +115,7 @@ impl RecordingSwitch {
         inside.last.as_ref().map(|(file, recorder)| recorder.status(file))
     }
 
-    /// Returns the recording of the cycle that has ended, if there is one that was not returned yet.
+    /// Returns the recording of the ended cycle, if it was not returned yet.
     pub fn finished_recording(&self) -> Option<Recording> {
         let mut inside = self.lock();
         if inside.recorder.is_some() { None } else { inside.recording.take() }
@@ -124,7 +125,7 @@ impl RecordingSwitch {
         self.lock().recorder.clone()
     }
 
-    /// Records that the loop has received the order of a cycle.
+    /// Handles the loop's receipt of a request to start a cycle.
     pub(super) fn on_order(&self, plan: Option<RecordingPlan>, request: Request) {
         let mut inside = self.lock();
         let state = inside.state;
@@ -133,7 +134,7 @@ impl RecordingSwitch {
         }
     }
 
-    /// Records that the ordered cycle begins.
+    /// Handles the start of the requested cycle.
     pub(super) fn on_cycle_start(&self, cycle: CycleId, before: LoopMemoryStart) {
         let mut inside = self.lock();
         inside.last = None;
@@ -145,24 +146,24 @@ impl RecordingSwitch {
             OpenOptions::new().write(true).create_new(true).open(&made)
         };
         match inside.start((&file, to), state, before, open) {
-            Ok(()) => inside.heard_request(json!({ "for": request })),
-            Err(error) => tracing::warn!("cycle {cycle} is not recorded: {error}"),
+            Ok(()) => inside.on_received_request(json!({ "for": request })),
+            Err(error) => tracing::warn!("cycle {cycle} is not recorded for replay: {error}"),
         }
     }
 
-    /// Records that the cycle has ended, as far as the loop knows.
+    /// Handles the end of the cycle, as far as the loop knows.
     pub(super) fn on_cycle_end(&self) {
         let mut inside = self.lock();
         inside.is_over = inside.recorder.is_some();
     }
 
-    /// Handles the loop's question for the next request: if the cycle has ended, all its data have been received by
-    /// now, and the recording ends with the request to leave.
+    /// Handles the loop's question for the next request. If the cycle has ended, all its data have arrived by now, and
+    /// the recording ends with the request to leave.
     pub(super) fn on_request_poll(&self, state: &State) {
         let mut inside = self.lock();
         inside.state = *state;
         if std::mem::take(&mut inside.is_over) {
-            inside.heard_request(json!("leave"));
+            inside.on_received_request(json!("leave"));
             if let Some(recorder) = inside.recorder.take() {
                 recorder.close();
             }
@@ -198,7 +199,7 @@ impl Inside {
         let of_disk = sign.clone();
         let begun = move || {
             let made = open().and_then(|out| {
-                // The folder is flushed to the disk too, since it contains the new file's name.
+                // The folder is also flushed to the disk, because it contains the name of the new file.
                 folder.map_or(Ok(()), |folder| File::open(folder)?.sync_all())?;
                 Ok(out)
             });
@@ -216,7 +217,7 @@ impl Inside {
         Ok(())
     }
 
-    fn heard_request(&self, heard: Value) {
+    fn on_received_request(&self, heard: Value) {
         if let Some(recorder) = &self.recorder {
             recorder.record_entry(Entry {
                 topic: Topic::Request,
@@ -229,12 +230,12 @@ impl Inside {
     }
 }
 
-/// A file that is flushed to the disk itself: after a power failure, data in the system's memory only would be lost.
+/// A file whose data are flushed to the disk, because after a power failure data that are only in memory would be lost.
 /// While the disk works, no heartbeat of the thread is expected.
 struct DurableFile(File, Arc<SupervisedThread>);
 
 impl DurableFile {
-    fn rests_for<T>(&mut self, disk: impl FnOnce(&mut File) -> io::Result<T>) -> io::Result<T> {
+    fn without_heartbeat<T>(&mut self, disk: impl FnOnce(&mut File) -> io::Result<T>) -> io::Result<T> {
         self.1.report_resting();
         let done = disk(&mut self.0);
         self.1.report_working();
@@ -244,15 +245,15 @@ impl DurableFile {
 
 impl Write for DurableFile {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.rests_for(|file| file.write(bytes))
+        self.without_heartbeat(|file| file.write(bytes))
     }
 
     fn flush(&mut self) -> io::Result<()> {
-        self.rests_for(|file| file.sync_data())
+        self.without_heartbeat(|file| file.sync_data())
     }
 }
 
-/// Returns the poses of cameras and tool, for viewers of the recording.
+/// Returns the poses of the cameras and the tool, for viewers of the recording.
 fn mounting_poses(values: &Calibrations) -> [FramePose; 3] {
     let mounted = |parent, child, pose| FramePose { parent, child, pose };
     [
@@ -274,7 +275,7 @@ fn free_space_reader(file: &Path) -> FreeSpace {
     Box::new(move || free_mb(&file))
 }
 
-/// Returns the free space on the disk on which this file is, or will be, MB.
+/// Returns the free space on the disk of this file, which need not exist yet, MB.
 ///
 /// # Errors
 /// If the disk cannot be queried.

@@ -1,4 +1,5 @@
-//! Tests the queue when no thread empties it, and the player's report when the loop acts differently.
+//! Tests the queue of a recording when its thread does not empty it, and the player's report when the loop acts
+//! differently.
 
 use super::form::to_json;
 use super::queue::{QueueBounds, Recorder};
@@ -19,7 +20,7 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-/// A disk that waits for a permission before each write, and then stores the data or refuses them.
+/// A simulated disk that waits for a permission before each write, and then stores the data or refuses them.
 #[derive(Clone)]
 struct Disk {
     written: Arc<Mutex<Vec<u8>>>,
@@ -40,7 +41,7 @@ impl Disk {
 impl Write for Disk {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         if let Some(go) = &self.go {
-            // Waits for the permission; after `go` is dropped, it writes without waiting.
+            // Waits for the permission; after `go` is dropped, the disk writes without waiting.
             let _ = go.lock().expect("whole").recv();
         }
         let mut written = self.written.lock().expect("whole");
@@ -83,7 +84,7 @@ fn bounds(waits: bool, hangs_at_the_end: Duration) -> QueueBounds {
     }
 }
 
-/// Starts a recording to this disk, with a queue of 40 kB; it continues while there is free space.
+/// Starts a recording to this disk with a queue of 40 kB; the recording continues while there is free space.
 fn recording(writer: Writer<Disk>, waits: bool, room_mb: impl FnMut() -> u64 + Send + 'static) -> Recording {
     let bounds = bounds(waits, Duration::from_secs(600));
     let mut room_mb = room_mb;
@@ -99,7 +100,7 @@ fn line(topic: Topic, said: Value, heard: Value) -> Entry {
 fn put_pictures(recorder: &Recorder, count: u64) {
     for index in 0..count {
         recorder.clock((1 + index) * 100_000_000);
-        // The bytes look random, so that compression does not make them smaller.
+        // The pixels are pseudo-random, so that compression does not make them smaller.
         let noise = |pixel: u64| (pixel + 10_000 * index).wrapping_mul(0x9E37_79B9_7F4A_7C15).to_be_bytes();
         let rgb = (0..10_000).map(|pixel| [noise(pixel)[2], noise(pixel)[3], noise(pixel)[4]]).collect();
         let picture = Arc::new(ColorPicture { width: 100, height: 100, rgb });
@@ -109,7 +110,7 @@ fn put_pictures(recorder: &Recorder, count: u64) {
     }
 }
 
-/// Returns a disk that hangs until it is released; the beginning of the file is written before it hangs.
+/// Returns a disk that hangs until it is released; the beginning of the file is written before.
 fn hanging() -> (Disk, Sender<()>, Writer<Disk>) {
     let disk = Disk::new();
     let (go, wait) = channel();
@@ -155,13 +156,13 @@ fn in_lock_step_the_loop_waits_while_the_queue_is_full() {
 fn a_full_disk_ends_the_recording_and_nothing_else() {
     let disk = Disk { refuses_after: 20_000, ..Disk::new() };
     let recording = recording(begun(&disk), true, || u64::MAX);
-    // The call returns, because it does not wait for a queue that no thread empties any more.
+    // The call returns, because it does not wait for a queue that is no longer emptied.
     put_pictures(&recording.recorder(), 2_000);
     let written = recording.finish();
     assert!(written.is == RecordingStatus::NotWhole && written.message.contains("no space left"), "{written:?}");
 }
 
-/// Even in lock step, the loop does not wait a second time for a disk that accepts nothing.
+/// Even in lock step, the loop does not wait a second time for a disk that accepts no data.
 #[test]
 fn a_disk_that_hangs_makes_a_gap_in_lock_step_too() {
     let (disk, go, writer) = hanging();
@@ -172,8 +173,8 @@ fn a_disk_that_hangs_makes_a_gap_in_lock_step_too() {
     assert!(matches!(check_recording(&disk.bytes()[..]), Err(TapeError::Lost { .. })));
 }
 
-/// A caller that ends the recording, such as the end of the service or the page of the next cycle, does not wait for a
-/// disk that hangs.
+/// The caller that ends the recording (the end of the service, or the page of the next cycle) does not wait for a disk
+/// that hangs.
 #[test]
 fn the_end_does_not_wait_for_a_disk_that_hangs() {
     let (_disk, go, writer) = hanging();
@@ -191,11 +192,11 @@ fn the_end_does_not_wait_for_a_disk_that_hangs() {
     drop(go);
 }
 
-/// The file ends with the reason; the entries before it can be read.
+/// The file ends with the reason; the entries before the reason can be read.
 #[test]
 fn too_little_free_space_ends_the_recording_with_its_reason() {
     let disk = Disk::new();
-    let recording = recording(begun(&disk), true, || RECORDING_FLOOR_MB - 1);
+    let recording = recording(begun(&disk), true, || MIN_FREE_SPACE_FOR_RECORDING_MB - 1);
     put_pictures(&recording.recorder(), 2_000);
     let written = recording.finish();
     let words = "the disk of the recording has 1999 MB free (minimum 2000 MB); free some space";
@@ -207,7 +208,7 @@ fn too_little_free_space_ends_the_recording_with_its_reason() {
     let mut looks = 0_u64;
     let fills = move || {
         looks += 1;
-        RECORDING_FLOOR_MB + 2 - looks
+        MIN_FREE_SPACE_FOR_RECORDING_MB + 2 - looks
     };
     let recording = recording_of(&disk, fills);
     // The free space is measured again once a second.
@@ -240,7 +241,7 @@ fn a_file_that_cannot_be_made_is_reported() {
     );
 }
 
-/// Calculated by hand: a loop that has run for an hour begins a recording, whose times nevertheless begin at zero.
+/// A loop that has run for an hour begins a recording. Expected: the times of the recording begin at zero.
 #[test]
 fn time_begins_with_the_recording() {
     let disk = Disk::new();
@@ -293,12 +294,12 @@ fn another_number_is_a_difference_and_the_replay_continues() {
     assert_eq!(difference.to_string(), "0.000 s, /robot/command send.set_base.x_mm: recorded 1.5, now 1.75");
 }
 
-/// Returns the robot's next report.
+/// Returns the next report that the player sends.
 fn next_report(player: &mut Player) -> Option<Report> {
     RobotPort::next(player).expect("no thread is lost")
 }
 
-/// Returns whether the player makes a request to the state table; with this request, a replay that has diverged ends
+/// Returns whether the player sends a request to the state table; with this request, a replay that has diverged ends
 /// the loop.
 fn asks(player: &mut Player) -> bool {
     let next = RequestPort::next(player, &State::INITIAL).expect("no thread is lost");
@@ -324,7 +325,7 @@ fn another_call_or_none_ends_the_replay() {
     assert!(!left.is_complete && left.differences[0].now.contains("ended"), "{left:?}");
 }
 
-/// A camera call that the loop no longer makes is a difference, although it had no result at that time.
+/// A camera call that the loop no longer makes is a difference, even if it had no result at that time.
 #[test]
 fn a_missing_camera_call_is_a_difference() {
     let look = || line(Topic::Camera, json!("picture"), to_json(&Err::<(), _>("blind")));
@@ -341,8 +342,8 @@ fn a_missing_camera_call_is_a_difference() {
     assert!(player(vec![look()]).replay_result().differences.is_empty());
 }
 
-/// A result that is computed in parallel with the loop arrives at the recorded time and not before; no other result
-/// arrives.
+/// A result that is computed in parallel with the loop arrives at the recorded time and not before. A different result
+/// does not arrive.
 #[test]
 fn a_result_arrives_at_its_recorded_time() {
     let reports = || line(Topic::Report, Value::Null, to_json(&Report::Progress { done: CommandId(4) }));

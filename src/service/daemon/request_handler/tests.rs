@@ -1,4 +1,4 @@
-//! Tests which client receives which answer, and when.
+//! Tests which client receives which reply, and when.
 
 use super::super::request_queue::{RequestSender, request_queue};
 use super::*;
@@ -27,7 +27,7 @@ fn next(handler: &mut RequestHandler, state: &State) -> Option<RequestKind> {
     handler.next_request(state).expect("no thread is lost").map(|request| request.what)
 }
 
-fn asked(handler: &mut RequestHandler, state: &State) -> Option<cycle::Request> {
+fn requested_action(handler: &mut RequestHandler, state: &State) -> Option<cycle::Request> {
     match next(handler, state) {
         Some(RequestKind::Table(request)) => Some(request),
         _ => None,
@@ -42,22 +42,23 @@ fn send(sender: &RequestSender, uid: u32, what: RequestKind) -> oneshot::Receive
     answer
 }
 
-/// Two signals request a stop, then an abort; a third one requests nothing. The service ends when the cell is at rest.
+/// The first signal requests a stop, the second an abort; a third one requests nothing. The service ends when the cell
+/// is idle.
 #[test]
 fn signals_stop_then_abort_and_leave_at_rest() {
     let (sender, mut handler) = handler();
     let busy = at(At::Execute(Phase::Inspect));
-    assert_eq!(asked(&mut handler, &busy), None);
+    assert_eq!(requested_action(&mut handler, &busy), None);
     for wanted in [Some(cycle::Request::Stop), Some(cycle::Request::Abort), None] {
         sender.send(Request::signal()).expect("sent");
         assert!(next(&mut handler, &busy).is_none(), "it is read");
-        assert_eq!(asked(&mut handler, &busy), wanted);
+        assert_eq!(requested_action(&mut handler, &busy), wanted);
     }
     assert!(next(&mut handler, &at(At::Idle)).is_none(), "idle is not an end");
     assert!(matches!(next(&mut handler, &at(At::Stopped)), Some(RequestKind::Leave)));
 }
 
-/// When the verdict is known, the motion to the park pose has not begun yet.
+/// When the verdict is known, the motion to the park pose has not begun yet, so the page is not due.
 #[test]
 fn a_page_is_due_once_the_cell_rests() {
     let (_sender, queue) = request_queue();
@@ -74,7 +75,7 @@ fn a_page_is_due_once_the_cell_rests() {
 }
 
 /// Two screens show review 1. One person accepts, and the cell continues until it is held with review 2. The other
-/// person accepts on the outdated screen: the decision does not reach the state table, and the refusal states what has
+/// person accepts on the outdated screen: this decision does not reach the state table, and the refusal states what has
 /// changed. A decision on the displayed step is executed.
 #[test]
 fn a_decision_is_valid_only_for_the_step_that_was_shown() {
@@ -91,7 +92,7 @@ fn a_decision_is_valid_only_for_the_step_that_was_shown() {
 
     let accept = |step| RequestKind::Decided { request: cycle::Request::Accept, step };
     let mut taken = send(&sender, 7, accept(screens[0]));
-    assert_eq!(asked(&mut handler, &first), Some(cycle::Request::Accept));
+    assert_eq!(requested_action(&mut handler, &first), Some(cycle::Request::Accept));
     next(&mut handler, &State { step: 8, ..at(At::Unholding { resume: Phase::Plan, verify: false }) });
     assert_eq!(taken.try_recv().expect("answered").answer, RequestResult::Done);
 
@@ -111,10 +112,10 @@ fn a_decision_is_valid_only_for_the_step_that_was_shown() {
         let mut stale = send(&sender, 8, RequestKind::Decided { request, step: 2 });
         assert!(matches!(next(&mut handler, &second), Some(RequestKind::Outdated { .. })));
         let reply = stale.try_recv().expect("answered");
-        assert!(reply.reasons[0].message.contains("a state unknown to this service"), "{reply:?}");
+        assert!(reply.reasons[0].message.contains("a state that this service does not know"), "{reply:?}");
     }
     let _waits = send(&sender, 8, accept(shown(&second, &mut handler)));
-    assert_eq!(asked(&mut handler, &second), Some(cycle::Request::Accept));
+    assert_eq!(requested_action(&mut handler, &second), Some(cycle::Request::Accept));
 }
 
 #[test]
@@ -127,7 +128,7 @@ fn each_request_has_one_reply() {
     assert_eq!((reply.answer, reply.phase.as_deref()), (RequestResult::Done, Some("wet")));
 
     let mut taken = send(&sender, 7, RequestKind::Table(cycle::Request::Hold));
-    assert_eq!(asked(&mut handler, &busy), Some(cycle::Request::Hold));
+    assert_eq!(requested_action(&mut handler, &busy), Some(cycle::Request::Hold));
     assert!(taken.try_recv().is_err(), "not before the table has taken it");
     next(&mut handler, &busy);
     assert_eq!(taken.try_recv().expect("answered").answer, RequestResult::Done);
@@ -135,7 +136,7 @@ fn each_request_has_one_reply() {
     handler.on_loop_event(LoopEvent::Noted(vec![Reason::new("film", "it broke")]));
     for request in [cycle::Request::Reset, cycle::Request::Hold] {
         let mut refused = send(&sender, 7, RequestKind::Table(request));
-        assert_eq!(asked(&mut handler, &idle), Some(request));
+        assert_eq!(requested_action(&mut handler, &idle), Some(request));
         handler.on_loop_event(LoopEvent::Refused(request, Refusal::NotNow));
         let reply = refused.try_recv().expect("answered");
         assert_eq!((reply.answer, &*reply.reasons[0].code), (RequestResult::Refused, "not_now"));
@@ -145,8 +146,8 @@ fn each_request_has_one_reply() {
     }
 }
 
-/// If a reset fails before its reply is due, its reply states the problem, and so does the state afterwards. A request
-/// after the answer to the reset has its own reply.
+/// If a reset fails before its reply is sent, the reply states the problem, and the state states it afterwards. The
+/// next request after the reset gets its own reply.
 #[test]
 fn a_failed_reset_states_the_problems_found() {
     let (sender, mut handler) = handler();
@@ -157,7 +158,7 @@ fn a_failed_reset_states_the_problems_found() {
     handler.on_loop_event(LoopEvent::Noted(vec![Reason::new("film", "it broke")]));
 
     let mut reset = send(&sender, 7, RequestKind::Table(cycle::Request::Reset));
-    assert_eq!(asked(&mut handler, &stopped), Some(cycle::Request::Reset));
+    assert_eq!(requested_action(&mut handler, &stopped), Some(cycle::Request::Reset));
     handler.on_loop_event(found());
     handler.on_loop_event(failed());
     let reply = reset.try_recv().expect("answered");
@@ -168,7 +169,7 @@ fn a_failed_reset_states_the_problems_found() {
     assert_eq!(codes(&handler.problems), ["camera", "scanner"]);
 
     let mut reset = send(&sender, 7, RequestKind::Table(cycle::Request::Reset));
-    assert_eq!(asked(&mut handler, &stopped), Some(cycle::Request::Reset));
+    assert_eq!(requested_action(&mut handler, &stopped), Some(cycle::Request::Reset));
     let mut disc = send(&sender, 7, RequestKind::NewDisc);
     assert!(matches!(next(&mut handler, &stopped), Some(RequestKind::NewDisc)));
     assert_eq!(reset.try_recv().expect("answered").answer, RequestResult::Done, "it was taken");
@@ -185,12 +186,12 @@ fn a_stop_is_accepted_in_the_iteration_in_which_it_arrives() {
     let busy = at(At::Execute(Phase::Wet));
     let mut answers: Vec<_> = (0..3).cycle().take(24).map(|uid| send(&sender, uid, RequestKind::State)).collect();
     let _stop = send(&sender, 1, RequestKind::Table(cycle::Request::Stop));
-    assert_eq!(asked(&mut handler, &busy), Some(cycle::Request::Stop));
+    assert_eq!(requested_action(&mut handler, &busy), Some(cycle::Request::Stop));
     assert!(next(&mut handler, &busy).is_none());
     assert!(answers.iter_mut().all(|answer| answer.try_recv().is_ok()), "and the others in the next one");
 }
 
-/// A failed thread ends the loop, whatever requests wait.
+/// A failed thread ends the loop, even if requests are waiting.
 #[test]
 fn a_lost_thread_is_reported_to_the_loop() {
     let (_sender, queue) = request_queue();
@@ -204,8 +205,8 @@ fn a_lost_thread_is_reported_to_the_loop() {
     assert!(matches!(handler.next_request(&idle), Err(fault) if fault.thread == "socket"));
 }
 
-/// While a cycle is held, the reported phase is the one in which it continues. For a path the waypoints are reported,
-/// and for a film its duration so far.
+/// While a cycle is held, the reported phase is the phase in which it continues. For a path the waypoints are reported,
+/// and for a film its present duration.
 #[test]
 fn the_state_reports_the_progress() {
     let (_sender, mut handler) = handler();
@@ -220,14 +221,14 @@ fn the_state_reports_the_progress() {
     assert_eq!((abrades.film_s, abrades.waypoint, abrades.of), (None, Some(45), Some(101)));
     let held = told(&handler, at(At::Held(Hold { why: Why::Asked, resume: Phase::Verify })));
     assert_eq!((held.phase.as_deref(), held.page), (Some("verify"), None));
-    handler.parts.written.is(CycleId(3), Path::new("/store/reports/cycle-000003.html"));
+    handler.parts.written.set_page(CycleId(3), Path::new("/store/reports/cycle-000003.html"));
     let page = |handler: &RequestHandler| told(handler, at(At::Idle)).page.map(|page| page.display().to_string());
     assert_eq!(page(&handler).as_deref(), Some("/store/reports/cycle-000003.html"));
     handler.cycle = Some(CycleId(4));
     assert_eq!(page(&handler), None, "it is another cycle's");
 }
 
-/// The buttons offer exactly the possible requests: drying is offered only if the state table accepts it.
+/// The buttons show exactly the possible requests: drying is shown only if the state table accepts it.
 #[test]
 fn drying_is_offered_where_it_is_accepted() {
     let (_sender, handler) = handler();
@@ -268,7 +269,7 @@ fn a_hold_names_its_author_and_reason_while_it_lasts() {
     assert_eq!(told(&handler, &held), ["ben"]);
 }
 
-/// When a cycle has begun, no picture of the former part is shown.
+/// After a cycle has begun, no picture of the former part is shown.
 #[test]
 fn a_cycle_begins_without_a_picture() {
     let (_sender, mut handler) = handler();

@@ -18,8 +18,8 @@ impl Port<RobotCommand> for FixedStateRobot {
     }
 }
 
-/// Each of these does not belong to the cell's arm: a TCP that is 205 mm farther away, another robot root, and axes
-/// in radians. Neither a motion of the axes nor a subroutine is started.
+/// Three states that do not belong to the arm in the cell's file: a TCP that is 205 mm farther away, another position
+/// of the robot root, and axes in radians. In none of them is a motion of the axes or a subroutine started.
 #[test]
 fn an_arm_other_than_the_cells_does_not_move() {
     let cell = Cell::check("cell.toml", "").expect("good");
@@ -82,8 +82,8 @@ fn a_motion_in_automatic_mode_needs_stage_a() {
     }
 }
 
-/// With another checksum than the accepted one, every function that sends a command is refused, and nothing is
-/// sent. With the accepted checksum, the next gate decides.
+/// With another checksum than the accepted one, every function that sends a command is refused, and nothing is sent.
+/// With the accepted checksum, the next check decides.
 #[test]
 fn nothing_is_sent_to_programs_that_were_not_accepted() {
     let text = |sum: i32| {

@@ -1,23 +1,24 @@
-//! The cell as an edge node of Sparkplug B at an MQTT broker: a live view, whose data may be lost.
+//! The cell as an edge node of Sparkplug B at an MQTT broker: a live view whose data may be lost.
 //!
 //! ```text
 //! the loop ─ state, twice a second ─ CellView ─────────┐
 //! the store ─ every ten seconds, and at each change ───┤
 //! broker ─ TLS ─ connection ─ packets ─ session ─ panelprep_interfaces::sparkplug::EdgeNode ─ actions ─ publish
-//!                                                                              └──── asking → Gateway → the loop, audit trail
+//!                                                                              └──── requests → Gateway → the loop, audit trail
 //! ```
 //!
-//! It runs on a thread and a runtime of its own. Whatever the broker does, the loop, the robot's link and the cameras
-//! never wait for it. Commands pass through the gateway, as those of every interface do.
+//! The edge node has its own thread and runtime. Whatever the broker does, the loop, the connection to the robot and
+//! the cameras never wait for it. Commands pass through the gateway, as those of every interface do.
 //!
-//! This file has the thread that keeps the cell connected to its broker, and the cell's state for the broker: the loop
-//! is polled twice a second, and the store if something has changed or ten seconds have passed.
+//! This file contains the thread that keeps the cell connected to its broker, and the cell's state for the broker: the
+//! state is requested from the loop twice a second; the store is read if something has changed or ten seconds have
+//! passed.
 
 mod session;
 #[cfg(test)]
 mod tests;
 
-use self::session::{BrokerConnection, HostRequests, NAME, SessionEnd, SessionParts, connected};
+use self::session::{BrokerConnection, HostRequests, NAME, SessionEnd, SessionParts, run_connection};
 use super::alarms::Alarms;
 use super::background::{Background, Plan};
 use super::clock::now_unix_ms;
@@ -36,31 +37,31 @@ use tokio::time::sleep;
 /// Delays before the next attempt to connect: the first value at the beginning, then twice as long each time, up to the
 /// second value.
 const RETRY_DELAYS: [Duration; 2] = [Duration::from_secs(1), Duration::from_secs(60)];
-/// Time after which a connection counts as stable.
+/// Time after which a connection is treated as stable.
 const MIN_STABLE_TIME: Duration = Duration::from_secs(30);
 /// Number of threads that wait for the store's disk and for the look-up of host names.
 const BLOCKING_THREADS: usize = 3;
 
-/// The parts that the edge node needs.
+/// The parts of the service that the edge node needs.
 pub struct SparkplugParts {
     /// The `[sparkplug]` table of the cell's file.
     pub node: SparkplugNode,
-    /// The parts that every interface uses.
+    /// The parts that all interfaces share.
     pub front: InterfaceContext,
 }
 
-/// The edge node; it runs until this is dropped. Dropping it reports the node's death to the broker.
+/// The running edge node. Dropping this value ends it and reports the node's death to the broker.
 #[derive(Debug)]
 pub struct SparkplugEdge {
     _background: Background,
 }
 
 impl SparkplugEdge {
-    /// Connects the cell to its broker, and tries again if the connection is lost or a file cannot be used: the cell
+    /// Connects the cell to its broker, and tries again if the connection is lost or a file cannot be used; the cell
     /// does not wait for the connection.
     ///
     /// # Errors
-    /// If the system provides no thread.
+    /// If the operating system cannot start a thread.
     pub fn serve(SparkplugParts { node, front }: SparkplugParts) -> std::io::Result<Self> {
         let plan = Plan { name: "sparkplug", task: NAME, blocking_threads: BLOCKING_THREADS, stack_bytes: None };
         let begin = async move |leave: &mut oneshot::Receiver<()>| run((&node, &front), leave).await;
@@ -94,7 +95,7 @@ async fn run((node, front): (&SparkplugNode, &InterfaceContext), leave: &mut one
     loop {
         let begun = Instant::now();
         let ended = match BrokerConnection::read(node) {
-            Ok(broker) => connected((&session, &broker), &mut edge, leave).await,
+            Ok(broker) => run_connection((&session, &broker), &mut edge, leave).await,
             Err(problem) => SessionEnd::Lost(format!(
                 "{problem}; check the files that [sparkplug] in the cell's file \
                                                  names"
@@ -104,7 +105,8 @@ async fn run((node, front): (&SparkplugNode, &InterfaceContext), leave: &mut one
             SessionEnd::Leaving => return,
             SessionEnd::HostOffline => {
                 tracing::info!(
-                    "MQTT Sparkplug: the primary host is offline; disconnecting from {}",
+                    "MQTT Sparkplug: the primary host is offline; the cell disconnects from {} and connects again \
+                     later",
                     session.address
                 );
             }
@@ -119,13 +121,13 @@ async fn run((node, front): (&SparkplugNode, &InterfaceContext), leave: &mut one
     }
 }
 
-/// Interval at which the loop is polled.
+/// Interval at which the state is requested from the loop.
 const POLL_INTERVAL: Duration = Duration::from_millis(500);
-/// Longest time between two readings of the store: the end of a cycle may be stored a little after the state has
-/// changed, and ages increase.
+/// Maximum interval between two readings of the store: the end of a cycle may be stored shortly after the state has
+/// changed, and the reported ages increase.
 const MAX_STORE_POLL_INTERVAL: Duration = Duration::from_secs(10);
 
-/// Polls the cell repeatedly, until there is no receiver any more.
+/// Reads the state of the cell repeatedly, until no receiver is left.
 async fn poll_cell(parts: InterfaceContext, tell: watch::Sender<Option<CellView>>) {
     let (mut kept, mut read) = (StoreView::default(), None::<(Instant, LoopView)>);
     while !tell.is_closed() {
@@ -152,7 +154,7 @@ fn has_store_changed(was: &LoopView, now: &LoopView) -> bool {
 }
 
 fn loop_view(reply: Reply) -> LoopView {
-    // If the loop does not answer, its state is unknown, and its former values are not reported as the present ones.
+    // If the loop does not answer, its state is unknown, and its former values are not reported as present values.
     if reply.state.is_none() {
         return LoopView::default();
     }
@@ -169,8 +171,8 @@ fn loop_view(reply: Reply) -> LoopView {
     }
 }
 
-/// Returns the data of the store and the disk. Runs on the calling thread, which may wait for the disk. If the store
-/// cannot be read, none of its data are reported.
+/// Returns the data of the store and the disk. The call blocks while it reads the disk. If the store cannot be read,
+/// none of its data are reported.
 fn read_store_view(parts: &InterfaceContext) -> StoreView {
     parts.check_alarms();
     match parts.people.read(|store| read(store, &parts.alarms)) {
@@ -186,7 +188,7 @@ fn read(store: &Store, alarms: &Alarms) -> Result<StoreView, StoreError> {
     let now_unix_s = now_unix_ms() / 1_000;
     let newest = store.newest_cycle()?.map(|id| store.past_cycle(id)).transpose()?.map(|past| summary(&past));
     let newest = newest.as_ref();
-    // Only the newest cycle can still be running, so of two cycles at least one has ended.
+    // Only the newest cycle can still be running, so at least one of the two newest cycles has ended.
     let hits = store.search(&Query { limit: 2, ..Query::default() })?.hits;
     let last = hits.iter().find_map(|hit| Some((hit.cycle.0, hit.verdict?)));
     let lasting = alarms.active_in_order(store)?;

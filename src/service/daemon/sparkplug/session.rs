@@ -1,6 +1,6 @@
-//! One connection to the broker, from beginning to end. `BrokerConnection` has the parameters of the connection:
-//! address, TLS, user and password; the files are read again for each connection. `HostRequests` passes the requests of
-//! a host to the cell, and writes lines of the audit trail for those that never reached the cell.
+//! One connection to the broker, from its beginning to its end. `BrokerConnection` contains the parameters of the
+//! connection: address, TLS, user and password; their files are read again for each connection. `HostRequests` passes
+//! the requests of a host to the cell, and adds entries to the audit trail for requests that did not reach the cell.
 
 use crate::daemon::alarms::Alarms;
 use crate::daemon::clock::now_unix_ms;
@@ -25,19 +25,19 @@ use tokio::sync::{mpsc, oneshot, watch};
 use tokio::task::JoinSet;
 use tokio::time::{MissedTickBehavior, interval, timeout};
 
-/// Largest number of messages that wait to be sent. If there are more, the connection is closed: data may be lost, but
+/// Maximum number of messages that wait to be sent. If there are more, the connection is closed: data may be lost, but
 /// must not be reordered.
 const MAX_WAITING_MESSAGES: usize = 64;
-/// Largest number of the broker's packets that wait for the node; the others wait in the broker.
+/// Maximum number of received packets that wait for the node; further packets wait in the broker.
 const MAX_PACKETS: usize = 16;
 /// Interval at which the cell's values are read.
 const POLL_INTERVAL: Duration = Duration::from_millis(500);
-/// Time limit for the broker to accept a connection, s, and to accept its last messages.
+/// Time limit for the broker to accept a connection, s, and below it to accept the last messages.
 const CONNECT_TIMEOUT_S: u64 = 10;
 const DISCONNECT_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// The error text if the connection's task ended without a message, which should never occur.
-pub(super) const BROKEN: &str = "the connection's task failed";
+/// The error text if the connection's task ended without a message, which indicates an error in the program.
+pub(super) const FAILED_TASK_MESSAGE: &str = "internal fault: the task of the connection to the broker ended; it is started again";
 
 /// The way in which a connection ended.
 pub(super) enum SessionEnd {
@@ -49,7 +49,7 @@ pub(super) enum SessionEnd {
     Lost(String),
 }
 
-/// The parts that every connection uses.
+/// The parts that all connections share.
 pub(super) struct SessionParts {
     pub host_requests: HostRequests,
     pub view: watch::Receiver<Option<CellView>>,
@@ -59,12 +59,11 @@ pub(super) struct SessionParts {
     pub alarms: Arc<Alarms>,
 }
 
-/// The name of the node in the log and among alarms.
+/// Name of the node in the log and in alarms.
 pub(super) const NAME: &str = "MQTT Sparkplug";
 
 impl SessionParts {
-    /// Reports that there is no connection, for this reason; the same reason is logged only once until there is a
-    /// connection again.
+    /// Reports why there is no connection. A repeated reason is logged only once, until there is a connection again.
     pub fn report_failure(&self, why: &str) {
         let problem = format!("no connection to {}: {why}", self.address);
         if self.alarms.set_connection_problem(NAME, Some(&problem)) {
@@ -92,19 +91,20 @@ struct Session<'s> {
     open_subscriptions: usize,
 }
 
-/// Connects, and serves the connection until it ends.
-pub(super) async fn connected(
+/// Connects to the broker, and serves the connection until it ends.
+pub(super) async fn run_connection(
     (parts, broker): (&SessionParts, &BrokerConnection),
     node: &mut EdgeNode,
     leave: &mut oneshot::Receiver<()>,
 ) -> SessionEnd {
     node.step(NodeEvent::Connecting, parts.now());
     let options = broker.connection_options(node.last_will(parts.now()));
-    // Each connection has its own client: messages that waited for an earlier connection are not sent on this one.
+    // Each connection has its own client, so that messages that waited for an earlier connection are not sent on this
+    // one.
     let (client, mut eventloop) = AsyncClient::builder(options).capacity(MAX_WAITING_MESSAGES).build();
     eventloop.network_options.set_connection_timeout(CONNECT_TIMEOUT_S);
     let (tell, packets) = mpsc::channel(MAX_PACKETS);
-    // The task ends with this connection, because a dropped set ends its tasks.
+    // The task ends with this connection, because dropping the set ends its tasks.
     let mut polling = JoinSet::new();
     polling.spawn(drive_connection(eventloop, tell));
     let mut session = Session { parts, node, client, packets, open_subscriptions: 0 };
@@ -113,8 +113,8 @@ pub(super) async fn connected(
     ended
 }
 
-/// Polls the connection. This needs a task of its own: if a poll is dropped before it is complete, a message may be cut
-/// off.
+/// Polls the connection. This needs its own task: if a poll is dropped before it is complete, a message may be
+/// truncated.
 async fn drive_connection(mut eventloop: EventLoop, tell: mpsc::Sender<Result<rumqttc::Event, ConnectionError>>) {
     loop {
         let event = eventloop.poll().await;
@@ -140,7 +140,7 @@ impl Session<'_> {
                 packet = self.packets.recv() => match packet {
                     Some(Ok(event)) => self.on_event(event).await,
                     Some(Err(error)) => Some(SessionEnd::Lost(describe_error(&error))),
-                    None => Some(SessionEnd::Lost(BROKEN.to_owned())),
+                    None => Some(SessionEnd::Lost(FAILED_TASK_MESSAGE.to_owned())),
                 },
             };
             if let Some(ended) = ended {
@@ -160,9 +160,10 @@ impl Session<'_> {
             rumqttc::Event::Incoming(Packet::ConnAck(_)) => {
                 let topics = self.node.subscriptions();
                 self.open_subscriptions = topics.len();
-                let all = topics.into_iter().map(|topic| self.client.try_subscribe(topic, quality(1)));
+                let all = topics.into_iter().map(|topic| self.client.try_subscribe(topic, quality_of_service(1)));
                 let failed = all.filter(Result::is_err).count();
-                (failed > 0).then(|| SessionEnd::Lost("the subscriptions could not be sent".to_owned()))
+                (failed > 0).then(|| SessionEnd::Lost("the subscriptions could not be sent to the broker; the cell \
+                                                       connects again".to_owned()))
             }
             rumqttc::Event::Incoming(Packet::SubAck(ack)) => {
                 if ack.return_codes.contains(&SubscribeReasonCode::Failure) {
@@ -182,7 +183,8 @@ impl Session<'_> {
             }
             rumqttc::Event::Incoming(Packet::Publish(message)) => {
                 let Ok(topic) = str::from_utf8(&message.topic) else {
-                    return Some(SessionEnd::Lost("the broker sent a topic that is not UTF-8".to_owned()));
+                    return Some(SessionEnd::Lost("the broker sent a topic that is not UTF-8; the cell connects \
+                                                  again".to_owned()));
                 };
                 let (payload, is_retained) = (&*message.payload, message.retain);
                 let acts = self.node.step(NodeEvent::Received { topic, payload, is_retained }, self.parts.now());
@@ -200,10 +202,11 @@ impl Session<'_> {
                     let sent = self.client.try_publish(
                         message.topic,
                         message.payload,
-                        PublishOptions::new(quality(message.qos)),
+                        PublishOptions::new(quality_of_service(message.qos)),
                     );
                     if sent.is_err() {
-                        return Some(SessionEnd::Lost("a message could not be sent to the broker".to_owned()));
+                        return Some(SessionEnd::Lost("a message could not be sent to the broker; the cell connects \
+                                                      again".to_owned()));
                     }
                 }
                 // The connection never waits for the loop or the disk; the number of these tasks is limited.
@@ -244,13 +247,14 @@ fn describe_error(error: &ConnectionError) -> String {
             ConnectReturnCode::BadUserNamePassword | ConnectReturnCode::NotAuthorized => {
                 "the broker refuses the user or the password; check [sparkplug] user and password_file".to_owned()
             }
-            ConnectReturnCode::BadClientId => "the broker refuses the client ID".to_owned(),
+            ConnectReturnCode::BadClientId => "the broker refuses the client ID; check the permissions of its \
+                                               user".to_owned(),
             ConnectReturnCode::RefusedProtocolVersion => {
                 "the broker does not support MQTT 3.1.1; enable it on the broker, or use another broker".to_owned()
             }
-            _ => "the broker is not available".to_owned(),
+            _ => "the broker is not available; check that it is running".to_owned(),
         },
-        ConnectionError::NetworkTimeout => format!("no response within {CONNECT_TIMEOUT_S} s"),
+        ConnectionError::NetworkTimeout => format!("the broker did not respond within {CONNECT_TIMEOUT_S} s"),
         other => {
             let words = other.to_string();
             let advice = if words.contains("UnknownIssuer") {
@@ -270,8 +274,7 @@ fn describe_error(error: &ConnectionError) -> String {
 /// Time without data after which a connection is checked, s; the broker reports the node's death after one and a half
 /// times this time.
 const KEEP_ALIVE_S: u16 = 10;
-/// Largest message that is accepted from the broker, and largest message that is sent, bytes. A command is much
-/// smaller.
+/// Maximum size of a message from the broker, and of a message to the broker, bytes. A command is much smaller.
 const MAX_BYTES: [usize; 2] = [16 * 1_024, 256 * 1_024];
 
 /// The parameters of the connection to the broker.
@@ -305,17 +308,17 @@ impl BrokerConnection {
     /// Returns the options for a connection with this last will.
     pub fn connection_options(&self, will: Message) -> MqttOptions {
         let mut options = self.options.clone();
-        options.set_last_will(LastWill::new(will.topic, will.payload, quality(will.qos), false));
+        options.set_last_will(LastWill::new(will.topic, will.payload, quality_of_service(will.qos), false));
         options
     }
 }
 
 /// Returns the quality of service with this number.
-fn quality(qos: u8) -> QoS {
+fn quality_of_service(qos: u8) -> QoS {
     if qos == 0 { QoS::AtMostOnce } else { QoS::AtLeastOnce }
 }
 
-/// The destinations of commands and of lines of the audit trail.
+/// Passes commands to the cell, and entries to the audit trail.
 #[derive(Clone)]
 pub(super) struct HostRequests {
     pub gateway: Gateway,
@@ -325,9 +328,9 @@ pub(super) struct HostRequests {
 }
 
 impl HostRequests {
-    /// Requests this command from the cell, with the same requests and gates as the operator's page. The loop records
-    /// the request with its result; a line of the audit trail is written only for a request that the loop never
-    /// received.
+    /// Requests this command from the cell, with the same checks as a request of the operator's page. The loop records
+    /// the request with its result; an entry in the audit trail is written only for a request that the loop did not
+    /// receive.
     pub async fn request_cell(self, command: NodeCommand, is_noted: bool) {
         let Some(request) = command.request() else { return };
         let from = Some(self.origin.clone());
@@ -339,10 +342,10 @@ impl HostRequests {
         }
     }
 
-    /// Records a line of the audit trail, on a thread that may wait for the disk.
+    /// Adds an entry to the audit trail, on a thread that may wait for the disk.
     pub async fn write_audit(self, note: AuditNote) {
         let AuditNote { what, subject, refused } = note;
-        // The cell's file gives this role to all hosts; it is not known which host sent this command.
+        // The cell's file gives this role to all hosts; it is not known which host sent the command.
         let role = refused.is_none().then_some(Role::Operator);
         let entry = AuditEntry {
             subject,

@@ -1,6 +1,6 @@
 //! Tests with faulty brokers: the connection ends with a reason, and the cell receives no request.
 
-use super::session::{BROKEN, BrokerConnection, HostRequests, SessionEnd, SessionParts, connected};
+use super::session::{FAILED_TASK_MESSAGE, BrokerConnection, HostRequests, SessionEnd, SessionParts, run_connection};
 use crate::daemon::alarms::Alarms;
 use crate::daemon::gateway::Gateway;
 use crate::daemon::people::AccountService;
@@ -18,7 +18,7 @@ use tempfile::TempDir;
 use tokio::runtime::{Builder, Runtime};
 use tokio::sync::{oneshot, watch};
 
-/// A node with the cell's state, and the results of its requests.
+/// Test bench: a node with the cell's state, and the results of its requests.
 struct Edge {
     parts: SessionParts,
     broker: BrokerConnection,
@@ -65,9 +65,9 @@ impl Edge {
         Edge { parts, broker, node, queue, listener, runtime, _tell: tell, _folder: folder }
     }
 
-    /// Runs one connection to a broker that calls this function and then closes the connection. Returns the reason for
-    /// the end, and the bytes that the node sent.
-    fn meets(&mut self, broker: impl FnOnce(&mut TcpStream) + Send + 'static) -> (String, Vec<u8>) {
+    /// Runs one connection to a broker that calls `broker` and then closes the connection. Returns the reason for the
+    /// end, and the bytes that the node sent.
+    fn run_with_broker(&mut self, broker: impl FnOnce(&mut TcpStream) + Send + 'static) -> (String, Vec<u8>) {
         let listener = self.listener.try_clone().expect("the same");
         let plays = std::thread::spawn(move || {
             let (mut stream, _) = listener.accept().expect("the node comes");
@@ -79,7 +79,7 @@ impl Edge {
             bytes
         });
         let (_end, mut leave) = oneshot::channel();
-        let ended = self.runtime.block_on(connected((&self.parts, &self.broker), &mut self.node, &mut leave));
+        let ended = self.runtime.block_on(run_connection((&self.parts, &self.broker), &mut self.node, &mut leave));
         let SessionEnd::Lost(why) = ended else { panic!("it did not end so") };
         (why, plays.join().expect("it ends"))
     }
@@ -91,10 +91,10 @@ impl Edge {
     }
 }
 
-/// The packet that accepts a connection: no session, return code 0.
+/// The MQTT packet that accepts a connection: no session, return code 0.
 const CONNACK: [u8; 4] = [0x20, 2, 0, 0];
 
-/// Returns a message of the broker, with these flags in its first byte.
+/// Returns an MQTT message of the broker, with these flags in its first byte.
 fn message(flags: u8, topic: &str, payload: &[u8]) -> Vec<u8> {
     let body = [&(topic.len() as u16).to_be_bytes()[..], topic.as_bytes(), payload].concat();
     let mut head = vec![0x30 | flags];
@@ -120,11 +120,11 @@ fn stop() -> Vec<u8> {
 #[test]
 fn the_connection_has_a_will() {
     let mut edge = Edge::new();
-    let (why, connect) = edge.meets(|_| {});
-    assert!(!why.is_empty() && why != BROKEN, "{why}");
+    let (why, connect) = edge.run_with_broker(|_| {});
+    assert!(!why.is_empty() && why != FAILED_TASK_MESSAGE, "{why}");
     assert_eq!(&connect[2..9], b"\x00\x04MQTT\x04", "MQTT 3.1.1");
-    // Clean session 02, will 04, and the will's quality of service 1 as 08; not retained (20), no user (80) and no
-    // password (40).
+    // Expected flags: clean session 02, will 04, quality of service 1 of the will 08; not set: retained (20), user (80)
+    // and password (40).
     assert_eq!(connect[9], 0x0e);
     let is_there = |part: &[u8]| connect.windows(part.len()).any(|window| window == part);
     assert!(is_there(b"spBv1.0/G/NDEATH/cell") && is_there(b"bdSeq") && is_there(b"G/cell"));
@@ -133,9 +133,9 @@ fn the_connection_has_a_will() {
 #[test]
 fn a_broker_that_refuses_is_reported_in_words() {
     let mut edge = Edge::new();
-    let (why, _) = edge.meets(|stream| stream.write_all(&[0x20, 2, 0, 5]).expect("sent"));
+    let (why, _) = edge.run_with_broker(|stream| stream.write_all(&[0x20, 2, 0, 5]).expect("sent"));
     assert!(why.contains("refuses the user or the password"), "{why}");
-    let (why, _) = edge.meets(|stream| {
+    let (why, _) = edge.run_with_broker(|stream| {
         stream.write_all(&CONNACK).expect("sent");
         let _ = stream.read(&mut [0; 4_096]);
         stream.write_all(&[0x90, 3, 0, 1, 0x80]).expect("sent");
@@ -144,27 +144,27 @@ fn a_broker_that_refuses_is_reported_in_words() {
     assert!(why.contains("refuses the subscription to spBv1.0/G/NCMD/cell"), "{why}");
 }
 
-/// A stop is executed at once, but a retained stop is not; a message on a topic without subscription has no effect.
+/// A stop is executed immediately, but a retained stop is not; a message on a topic without subscription has no effect.
 #[test]
 fn messages_of_the_broker_are_checked() {
     let mut edge = Edge::new();
     let topic = "spBv1.0/G/NCMD/cell";
-    edge.meets(move |stream| {
+    edge.run_with_broker(move |stream| {
         let kept = message(1, topic, &stop());
         let strange = message(0, "spBv1.0/G/DCMD/cell/tool", &stop());
         stream.write_all(&[&CONNACK[..], &kept, &strange, &message(0, "", &stop())].concat()).expect("sent");
         std::thread::sleep(Duration::from_millis(300));
     });
     assert_eq!(edge.was_asked(), Vec::<String>::new());
-    edge.meets(move |stream| {
+    edge.run_with_broker(move |stream| {
         stream.write_all(&[&CONNACK[..], &message(0, topic, &stop())].concat()).expect("sent");
         std::thread::sleep(Duration::from_millis(300));
     });
     assert_eq!(edge.was_asked(), ["stop"]);
 }
 
-/// Bytes that are not valid MQTT: in every case the connection ends with a reason, no code panics, and the cell
-/// receives no request. The topic of commands has another name here, so that random bytes cannot form a stop.
+/// For bytes that are not valid MQTT, the connection always ends with a reason, no code panics, and the cell receives
+/// no request. The topic of commands has another name here, so that random bytes cannot form a stop.
 #[test]
 fn invalid_bytes_of_a_broker_end_the_connection() {
     let mut edge = Edge::new();
@@ -198,11 +198,11 @@ fn invalid_bytes_of_a_broker_end_the_connection() {
             bytes.extend(packet);
         }
         let shown = bytes.clone();
-        let (why, _) = edge.meets(move |stream| {
+        let (why, _) = edge.run_with_broker(move |stream| {
             // The node may have closed the connection already.
             let _ = stream.write_all(&bytes);
         });
-        assert!(!why.is_empty() && why != BROKEN, "{why}: {shown:02x?}");
+        assert!(!why.is_empty() && why != FAILED_TASK_MESSAGE, "{why}: {shown:02x?}");
     }
     assert_eq!(edge.was_asked(), Vec::<String>::new());
 }

@@ -1,5 +1,5 @@
-//! Tests the compliant tool in the loop: a whole cycle with the tool, the recording of the cycle, and every fault at
-//! every waypoint of a path.
+//! Tests the compliant tool in the loop: a whole cycle with the tool, the recording of the cycle, and every injected
+//! fault at every waypoint of a path.
 
 use super::fake::{Asks, AtContact, Cell as Fake};
 use super::*;
@@ -30,7 +30,7 @@ fn a_cycle_with_a_compliant_tool_passes() {
     assert!((force(name::FORCE_MEAN) - 20.0).abs() < 2.0 && force(name::FORCE_MAX) < 25.0, "{abraded:?}");
 }
 
-/// Returns the code by which a fault is expected to be reported.
+/// Returns the reason code with which an injected fault is expected to be reported.
 fn code(fault: ToolFault) -> &'static str {
     match fault {
         ToolFault::LinkCut | ToolFault::Silent | ToolFault::Late(_) | ToolFault::Garbage | ToolFault::OtherId => {
@@ -43,7 +43,7 @@ fn code(fault: ToolFault) -> &'static str {
     }
 }
 
-/// Each fault is tested at every fourth waypoint, and the next fault one waypoint later, so that each waypoint has at
+/// Each fault is injected at every fourth waypoint, and the next fault one waypoint later, so that each waypoint has at
 /// least one fault.
 #[test]
 fn a_fault_at_every_waypoint_ends_contact_in_time() {
@@ -56,8 +56,9 @@ fn every_fault_at_every_waypoint_ends_contact_in_time() {
     faults_end_contact_in_time(1);
 }
 
-/// Tests every fault at each `step`-th waypoint: the tool is off within 500 ms of the fault, or of the first touch
-/// after it. The fault is reported by its name, the cycle is held, and the record states the executed part of the path.
+/// Injects every fault at each `step`-th waypoint. Expected: the tool is off within 500 ms of the fault, or of the
+/// first contact after it; the fault is reported by its code; the cycle is held; the record contains the executed part
+/// of the path.
 fn faults_end_contact_in_time(step: u32) {
     let begun = AtContact::new(compliant());
     let whole = begun.run(0, None);
@@ -87,15 +88,15 @@ fn faults_end_contact_in_time(step: u32) {
             }
             let found = end.findings.iter().find(|finding| finding.kind == Kind::Tool);
             let Some(found) = found else {
-                // The disc did not press any more after the fault, or the tool is stuck at a position at which its
-                // force is still correct.
+                // The disc no longer pressed after the fault, or the tool is stuck at a position at which its force is
+                // still correct.
                 assert!(end.done == Some(begun.waypoints()), "{at}");
                 assert!(fault == ToolFault::Stuck || from + 5 > begun.waypoints(), "{at}");
                 continue;
             };
             ended += 1;
             let reported = &found.judgement.reasons[0];
-            // If the force is too small for landing, there is no contact, and no force that could be judged.
+            // If the force is too small for landing, there is no contact and no force to be checked.
             let is_weak =
                 matches!(fault, ToolFault::ForceOff(off_n) if off_n < 0.0) && reported.code == "no_contact";
             let fits = reported.code == code(fault) || is_weak || fault == ToolFault::Stuck;
@@ -113,7 +114,8 @@ fn faults_end_contact_in_time(step: u32) {
     assert!(ended as u32 * step > 8 * begun.waypoints(), "{ended} in steps of {step}");
 }
 
-/// A force in the recipe needs a compliant tool, a compliant tool needs a force, and the tool must be able to apply it.
+/// A recipe with a force requires a compliant tool, a compliant tool requires a force, and the tool must be able to
+/// apply it.
 #[test]
 fn recipe_and_tool_must_agree() {
     let says = |cell: &'static str, recipe: &'static str| {
@@ -130,8 +132,8 @@ fn recipe_and_tool_must_agree() {
     };
     assert!(says(TOOL, "").contains("states no [path] force_n"));
     assert!(says("", FORCE).contains("force_n = 20, which has no effect"));
-    // Calculated by hand: the weight of 1.5 kg is 14.7 N, so with a force tolerance of 5 N, a tool of 100 N has 80.3 N
-    // left if it points upwards.
+    // Expected value, calculated by hand: the weight of 1.5 kg is 14.7 N. With a force tolerance of 5 N, a tool of 100
+    // N has 80.3 N left if it points upwards.
     let told = says(TOOL, "[path]\nforce_n = 80.5\n");
     assert!(
         told.contains("with the tool's force tolerance of 5 N and the weight of its payload, 14.7 N"),

@@ -1,6 +1,6 @@
-//! Tests the record of contact: the permitted waypoints, the effect of a lost link, the counted abrasions of earlier
-//! cycles, and the authors of requests. Also tests how the execution of a contact path is judged: a reject ends the
-//! cycle, and a review waits for a person. No reason is reported for something that did not happen.
+//! Tests the record of contact: the permitted waypoints, the effect of a lost connection, the counted sanding passes of
+//! earlier cycles, and the authors of requests. Also tests how the execution of a contact path is evaluated: a reject
+//! ends the cycle, and a review waits for a person. No reason is reported for an event that did not occur.
 
 use super::fake::{Asks, Cell as Fake};
 use super::serving::Script;
@@ -35,8 +35,8 @@ fn no_waypoint_in_contact_comes_before_its_permission() {
     assert_eq!((path.pass, story.clocks.len()), (1, 2));
 }
 
-/// The executed part of the path is not known: no abrasion is recorded, and the wear of the disc by the whole path
-/// stays counted, even after a person has cleared the abort.
+/// After the connection is lost, the executed part of the path is not known: no sanding pass is recorded, and the wear
+/// of the disc by the whole path remains recorded, even after a person has cleared the abort.
 #[test]
 fn a_link_that_is_lost_in_contact_leaves_an_unknown_end() {
     let cell = Fake::new(Scene::Good).slow().whose_link_is_lost_in_contact();
@@ -54,7 +54,7 @@ fn a_link_that_is_lost_in_contact_leaves_an_unknown_end() {
     assert!(whole_mm2 > 1_000.0 && record.worn_mm2 == whole_mm2, "{} of {whole_mm2}", record.worn_mm2);
 }
 
-/// If the end of an abort in contact is reported, the executed part is recorded.
+/// If the end of an abort in contact is reported, the executed part of the path is recorded.
 #[test]
 fn an_abort_in_contact_is_recorded_with_its_motion() {
     let story = Fake::new(Scene::Good).slow().run(Asks::one_cycle().with(contact, cycle::Request::Abort));
@@ -64,8 +64,8 @@ fn an_abort_in_contact_is_recorded_with_its_motion() {
     assert_eq!(found.number(name::EXECUTED_WAYPOINTS_NAME), Some(f64::from(done)));
 }
 
-/// R21: if a feedback changes to off in contact, the path ends, and the executed part is recorded. The contradicting
-/// output is reported by name.
+/// R21: if a feedback changes to off in contact, the path ends, and the executed part is recorded. The name of the
+/// contradicting output is reported.
 #[test]
 fn a_feedback_that_goes_off_in_contact_holds() {
     for (bit, name) in [(2, "extraction_flow"), (3, "tool_running")] {
@@ -82,8 +82,8 @@ fn a_feedback_that_goes_off_in_contact_holds() {
     }
 }
 
-/// The cable of a sensor is broken: the cycle is aborted because the answer is late, and an additional finding names
-/// the missing feedback.
+/// The cable of a sensor is broken: the cycle is aborted because the feedback is missing at the deadline, and an
+/// additional finding names the missing feedback.
 #[test]
 fn a_missing_feedback_is_named() {
     for (bit, name, asked) in
@@ -102,7 +102,7 @@ fn earlier(times: u8, is_sure: bool) -> Vec<EarlierPass> {
     (1..=times).map(|pass| EarlierPass { cycle: CycleId(7), pass, grid: None, is_sure, is_stated: false }).collect()
 }
 
-/// Two abrasions are allowed. A grid that an earlier cycle may have abraded counts as abraded.
+/// The limit is two sanding passes. A grid that an earlier cycle may have sanded is counted as sanded.
 #[test]
 fn possible_earlier_abrasions_are_counted() {
     let mut once = Fake::new(Scene::Good);
@@ -110,7 +110,7 @@ fn possible_earlier_abrasions_are_counted() {
     let story = once.run(Asks::one_cycle());
     assert_eq!(story.outcome.verdict, Some(Verdict::Pass), "one more is allowed: {story}");
     let plan = story.findings.iter().find(|finding| finding.kind == Kind::Plan).expect("planned");
-    let counted = plan.names("abraded in earlier cycles, counted");
+    let counted = plan.names("sanded in earlier cycles, counted");
     assert!(counted.iter().all(|words| words.contains("perhaps abraded in cycle 7, pass 1")), "{counted:?}");
     assert_eq!(counted.len(), plan.names("grids").len());
 
@@ -126,8 +126,7 @@ fn possible_earlier_abrasions_are_counted() {
     }
 }
 
-/// Any person may request a stop at any time: a stop that has no effect is refused each time, and is recorded once a
-/// second.
+/// A stop may be requested at any time. A stop that has no effect is refused each time, and is recorded once a second.
 #[test]
 fn a_repeatedly_refused_stop_is_recorded_once_a_second() {
     let rests = |state: &State| state.at == At::Stopped;
@@ -145,7 +144,7 @@ fn continuous_requests_do_not_delay_the_cycle() {
     assert!(story.refusals.len() > 100, "{}", story.refusals.len());
 }
 
-/// Each request is recorded once with its answer; a refused request is recorded as refused.
+/// Each request is recorded once with its reply; a refused request is recorded as refused.
 #[test]
 fn each_request_is_recorded_with_its_answer() {
     let works = |state: &State| matches!(state.at, At::Execute(_));
@@ -179,7 +178,7 @@ fn held_for_review(state: &State) -> bool {
 }
 
 /// The robot reports poses 3.5 mm beside the planned lines; the limit is 3 mm. The cycle is held until a person
-/// accepts, and then continues with the rinse and the next film, as usual.
+/// accepts, and then continues with the rinse and the next film.
 #[test]
 fn a_path_beside_its_plan_is_held_and_continues_once_accepted() {
     let fake = || Fake::new(Scene::Good).step_by_step().that_is_off_plan(3.5, [20, 30]);
@@ -201,8 +200,8 @@ fn a_path_beside_its_plan_is_held_and_continues_once_accepted() {
 const REMOVAL: &str = "[path]\nfeed_mm_s = 120\n[removal]\nmethod = \"scheduled\"\ntarget_um = 30\nmax_um = 60\n\
                        force_n = 20\neven_percent = 100\n";
 
-/// The robot moves much more slowly than planned because of its override, so that the disc removes far more than the
-/// part may lose. The next film would pass, but it is not made: the part is rejected.
+/// Because of its override, the robot moves much more slowly than planned, so the disc removes far more material than
+/// the limit of the part. The next film would pass, but it is not captured: the part is rejected.
 #[test]
 fn a_path_that_removed_too_much_rejects_the_part() {
     let mut fake = Fake::new(Scene::Good).whose_contact_takes(700);
@@ -217,7 +216,7 @@ fn a_path_that_removed_too_much_rejects_the_part() {
 }
 
 /// A hold in contact remains a hold: the rest of the path is not a reason for a review. The hold itself switched the
-/// tool off, so this is not a fault, even if the arm comes to rest late.
+/// tool off, so this is not a fault, even if the arm stops late.
 #[test]
 fn a_hold_in_contact_is_no_fault() {
     let in_contact =
@@ -231,13 +230,14 @@ fn a_hold_in_contact_is_no_fault() {
     assert_eq!(codes(&story, Kind::Abrade), ["part"], "{story}");
 }
 
-/// An air-run needs no disc and removes and touches nothing: conditions that forbid contact do not forbid an air-run.
+/// An air-run needs no disc, removes no material and touches nothing: conditions that forbid contact do not forbid an
+/// air-run.
 #[test]
 fn an_air_run_is_judged_by_its_motion_alone() {
     let worn_out = || {
         let mut fake = Fake::new(Scene::Good);
-        // There is no removal model, so the disc's removal is not known; and the disc has swept ten times the area of
-        // its life.
+        // There is no removal model, so the removal of the disc is not known; and the disc has swept ten times the area
+        // of its life.
         (fake.more_recipe, fake.worn_mm2) = (REMOVAL, 1e9);
         fake
     };
@@ -255,7 +255,7 @@ fn an_air_run_is_judged_by_its_motion_alone() {
     );
 }
 
-/// In contact, each measured pose is compared with the path. A deviation of 20 mm aborts the motion at once, and not
+/// In contact, each measured pose is compared with the path. A deviation of 20 mm aborts the motion immediately, not
 /// only at the end of the path.
 #[test]
 fn a_large_deviation_aborts_the_path_at_once() {

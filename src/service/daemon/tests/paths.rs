@@ -21,7 +21,7 @@ fn number(story: &fake::Story, kind: Kind, name: &str) -> f64 {
     finding.number(name).unwrap_or_else(|| panic!("{name}: {finding:?}"))
 }
 
-/// A wall is in front of the panel: no grid can be reached, and this is known before any water runs.
+/// A wall is in front of the panel: no grid can be reached, and this is detected before the water is switched on.
 #[test]
 fn a_panel_out_of_reach_is_rejected_before_it_is_wet() {
     let mut fake = Fake::new(Scene::Good);
@@ -34,7 +34,7 @@ fn a_panel_out_of_reach_is_rejected_before_it_is_wet() {
     assert!(!wet, "{story}");
 }
 
-/// An obstacle is in front of the lower left grids: a person may let the cycle continue, since these grids may not
+/// An obstacle is in front of the lower left grids: a person may continue the cycle if these grids are not expected to
 /// fail.
 #[test]
 fn a_panel_partly_out_of_reach_is_for_a_person_to_decide() {
@@ -62,9 +62,9 @@ fn an_arm_with_another_geometry_does_not_move() {
     assert_eq!((story.lines, codes(&story, Kind::Gate)), (0, vec!["arm_model".to_owned()]), "{story}");
 }
 
-/// Calculated by hand: lines of at most 10 mm that take 200 ms to plan have a feed of at most 50 mm/s, or less if the
-/// dwell times are then more even. Corners are rounded by a fifth of the shorter adjacent line, and paths stop only at
-/// their ends.
+/// Expected values, calculated by hand: lines of at most 10 mm that take 200 ms to plan have a feed of at most 50 mm/s,
+/// or less if the dwell time is then more uniform. Corners are rounded by a fifth of the shorter adjacent line. Paths
+/// stop only at their ends.
 #[test]
 fn each_line_has_its_feed_and_rounding() {
     let mut fake = Fake::new(Scene::Good);
@@ -77,7 +77,7 @@ fn each_line_has_its_feed_and_rounding() {
     assert!(fastest < 0.0601 && in_rows > story.feeds.len() / 2, "{fastest} {in_rows}");
     assert!(story.feeds.iter().all(|(_, blend_mm)| *blend_mm <= 0.2 * 40.0 + 1e-9));
     let stops = story.feeds.iter().filter(|(_, blend_mm)| *blend_mm == 0.0).count();
-    // The path of each area stops in the air before and after the area; the very first stop belongs to the approach.
+    // The path of each area stops in the air before and after the area; the first stop belongs to the approach.
     assert_eq!(stops % 2, 1, "{stops}");
 }
 
@@ -107,8 +107,8 @@ impl OnOneGrid {
     }
 }
 
-/// A plan that its own gate rejects is not sent, even if a person accepted something before; a plan that a person
-/// reviewed is sent.
+/// A plan that fails its checks is not sent, even if a person accepted something before; a plan that a person reviewed
+/// is sent.
 #[test]
 fn no_plan_is_sent_that_its_gate_rejects() {
     let OnOneGrid { setup, place, flange_from_tool, plan, joints } = OnOneGrid::new(&Fake::new(Scene::Good));
@@ -135,8 +135,8 @@ fn no_plan_is_sent_that_its_gate_rejects() {
     }
 }
 
-/// Returns the pose of the flange at a waypoint of contact, with the tool lifted by this distance along its axis, and
-/// the approximate axis positions there.
+/// Returns the pose of the flange at a contact waypoint, with the tool lifted by this distance along its axis, and the
+/// approximate axis positions there.
 fn standing_over_the_panel(fake: &Fake, lifted_mm: f64) -> (Rigid<Base, Flange>, Joints) {
     let OnOneGrid { place, flange_from_tool, plan, joints, .. } = OnOneGrid::new(fake);
     let lifted = routes::lift_contact_points(&plan, lifted_mm);
@@ -145,7 +145,7 @@ fn standing_over_the_panel(fake: &Fake, lifted_mm: f64) -> (Rigid<Base, Flange>,
     (base_from_flange, joints[at])
 }
 
-/// After a stop in contact the tool touches the panel: no axis motion begins there. After the arm was jogged 80 mm
+/// After a stop in contact the tool touches the panel, so no axis motion may begin. After the arm was jogged 80 mm
 /// away, the cycle continues automatically.
 #[test]
 fn an_arm_left_at_the_panel_does_not_move_by_its_axes() {
@@ -162,7 +162,7 @@ fn an_arm_left_at_the_panel_does_not_move_by_its_axes() {
     assert_eq!(story.outcome.verdict, Some(Verdict::Pass), "{story}");
 }
 
-/// The panel has bowed by 0.6 mm since it was taught: the path follows its present surface, and the record states the
+/// The panel has bowed by 0.6 mm since it was taught. The path follows its present surface, and the record contains the
 /// distance from the taught surface. If the path followed the taught surface, the distances of the contact points from
 /// the panel would vary by more than half of the bow.
 #[test]
@@ -187,13 +187,13 @@ fn the_path_follows_the_present_surface() {
     assert!(deviation_mm(&plain) < 0.3 && (0.2..0.7).contains(&deviation_mm(&bowed)), "{}", deviation_mm(&bowed));
 }
 
-/// A recipe that positions a drawing by datum points. Calculated by hand: the drawing's frame lies at (560, −200, 360)
-/// mm, rotated by 90° about z, far from the base that is the frame of a scanned panel.
+/// A recipe that positions a drawing by datum points. Expected value, calculated by hand: the drawing's frame is at
+/// (560, −200, 360) mm, rotated by 90° about z, far from the base that is the frame of a scanned panel.
 const BY_DATUMS: &str = "[surface]\nmax_profile_mm = 3.0\n[nominal]\ndatums_drawing_mm = [[0, 0, 0], [400, 0, 0], [0, 250, 0]]\n\
                          datums_base_mm = [[560, -200, 360], [560, 200, 360], [310, -200, 360]]\n";
 
 /// The panel's frame is that of the drawing, so that other programs can use the base that is set. The tool touches the
-/// panel as it does with a panel that was taught by a scan, and the same gates accept it.
+/// panel as it touches a panel that was taught by a scan, and the same checks accept it.
 #[test]
 fn the_base_of_a_drawn_panel_is_the_frame_of_the_drawing() {
     let by_scan = Fake::new(Scene::Good).run(Asks::one_cycle());
@@ -232,7 +232,7 @@ fn the_base_of_a_drawn_panel_is_the_frame_of_the_drawing() {
     );
 }
 
-/// The robot reports its poses: every failed grid was under the disc, and the area that the disc swept is recorded.
+/// The robot reports its poses: every failed grid was under the disc, and the swept area is recorded.
 #[test]
 fn the_executed_path_is_evaluated() {
     let story = Fake::new(Scene::Good).slow().run(Asks::one_cycle());
@@ -250,8 +250,8 @@ fn the_executed_path_is_evaluated() {
     assert!(number(&story, Kind::Abrade, "poses reported on the way") > 10.0);
     let contact_mm = number(&story, Kind::Abrade, "way in contact");
     assert!((story.worn_mm2 - 30.0 * contact_mm).abs() < 1e-6 && contact_mm > 100.0);
-    // The wear of the whole path is counted before the motion begins; the area that was really swept replaces it while
-    // the motion is still open.
+    // The wear of the whole path is recorded before the motion begins; the swept area replaces it while the motion is
+    // still open.
     let [(planned_mm2, false), (correction_mm2, true)] = story.wears.as_slice() else {
         panic!("{:?}", story.wears)
     };
@@ -260,9 +260,9 @@ fn the_executed_path_is_evaluated() {
 
 const BY_BREAK: &str = "[treat]\nby = \"break\"\n";
 
-/// With grids of 97 mm, areas around breaks are abraded: the cycle passes as with whole grids, and the path in contact
-/// is shorter. Every grid into which an area extends is in the record of the abrasion, even if it did not fail, and the
-/// contact path names it. The second film judges all six grids.
+/// With grids of 97 mm, areas around water breaks are sanded. The cycle passes as with whole grids, and the contact
+/// path is shorter. Every grid into which an area extends is recorded as sanded, even if it did not fail, and the
+/// contact path names this grid. The second film evaluates all six grids.
 #[test]
 fn only_areas_around_breaks_are_abraded() {
     let run = |more_recipe: &'static str| {
@@ -296,15 +296,15 @@ fn only_areas_around_breaks_are_abraded() {
         let references = film.details.keys().filter(|detail| detail.starts_with("judged by the "));
         references.flat_map(|detail| film.names(detail)).collect::<BTreeSet<_>>().len()
     };
-    // No grid is sanded before the first film, so the film states no reference.
+    // No grid is sanded before the first film, so the finding of this film contains no reference.
     assert_eq!(films.map(judged).next_back(), Some(6));
-    // The record of a recipe with default values has none of these numbers.
+    // The record of a recipe with default values contains none of these values.
     let plain = by_grid.findings.iter().find(|finding| finding.kind == Kind::Plan).expect("planned");
     assert!(plain.number(name::BREAKS_REACHED).is_none() && plain.number(name::AROUND_BREAKS).is_none());
 }
 
-/// Abrasion around the breaks removes no grease here: the next film breaks in the same grids, which are abraded once
-/// more, and then the cycle ends without a pass.
+/// Sanding around the water breaks removes no grease here. The next film breaks in the same grids, which are sanded
+/// again; then the cycle ends without a pass.
 #[test]
 fn a_remaining_break_is_found_again() {
     let mut fake = Fake::new(Scene::Good).whose_panel_stays_greasy();
@@ -378,8 +378,8 @@ fn the_reach_check_uses_the_posture_of_the_corner_tour() {
     );
 }
 
-/// A smooth correction is valid only inside the volume in which it was measured: outside, neither contact nor a corner
-/// view is permitted.
+/// A smooth correction of the arm is valid only inside the volume in which it was measured. Outside of it, neither
+/// contact nor a corner view is permitted.
 #[test]
 fn outside_the_correction_volume_nothing_is_measured_or_touched() {
     let fake = Fake::new(Scene::Good);

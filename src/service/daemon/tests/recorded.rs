@@ -10,8 +10,8 @@ use std::path::Path as File;
 /// Maximum number of attempts of a test that uses the wall clock.
 const MAX_ATTEMPTS: usize = 5;
 
-/// Serves this script, records the second cycle that it orders, and replays the recording; returns the recorded entries
-/// and the verdict.
+/// Serves this script, records the second cycle that it requests, and replays the recording. Returns the recorded
+/// entries and the verdict.
 fn recorded(mut fake: Fake, script: impl FnOnce(Script, &Fake, &Fake) -> Script) -> (Vec<Entry>, Option<Verdict>) {
     let folder = tempfile::tempdir().expect("a folder");
     let file = folder.path().join("cycle.mcap");
@@ -38,8 +38,8 @@ fn asked(entries: &[Entry]) -> Vec<String> {
     heard.map(|entry| entry.reply.to_string()).collect()
 }
 
-/// The first cycle is not recorded, and its deadlines remain. The second cycle is recorded completely, with contact and
-/// second film.
+/// The first cycle is not recorded; its deadlines remain active. The second cycle is recorded completely, with contact
+/// and a second film.
 #[test]
 fn a_cycle_of_the_service_replays_without_a_difference() {
     let (entries, verdict) = recorded(Fake::new(Scene::Good), |script, plain, taped| {
@@ -50,7 +50,7 @@ fn a_cycle_of_the_service_replays_without_a_difference() {
     assert!(asked.len() == 2 && asked[0].contains("start") && asked[1].contains("leave"), "{asked:?}");
 }
 
-/// Requests from outside are part of the recording: a new disc, a review that a person accepts, an order that is not
+/// Requests of people are part of the recording: a new disc, a review that a person accepts, a start that is not
 /// possible at that time, and a hold.
 #[test]
 fn requests_during_a_cycle_are_replayed() {
@@ -105,7 +105,7 @@ fn with_the_wall_clock_results_arrive_at_the_recorded_time() {
         let located = entries.iter().skip(scan).position(|entry| entry.topic == Topic::Result)?;
         Some(entries[scan..scan + located].iter().filter(|entry| entry.topic == Topic::Report).count())
     };
-    // On a busy machine, the link's deadlines end the cycle before its scan is evaluated.
+    // On a busy machine, deadlines of the connection may end the cycle before its scan is evaluated.
     let reports = (0..MAX_ATTEMPTS).find_map(|_| stopped_in_the_film()).expect("a cycle that reaches its film");
     assert!(reports > 0, "the robot did not report while the scan was evaluated");
 }

@@ -1,4 +1,4 @@
-//! Tests the service: computing in parallel, orders, and self-tests.
+//! Tests the service: computing in parallel, requests, and self-tests.
 
 use super::fake::{Cell as Fake, FakeCameras};
 use super::*;
@@ -17,7 +17,7 @@ use std::time::Duration;
 
 type When = Box<dyn FnMut(&State) -> bool>;
 
-/// Makes each request when its condition is satisfied, then requests to leave.
+/// Sends each request when its condition is satisfied, then requests to leave.
 #[derive(Default)]
 pub struct Script {
     steps: VecDeque<(When, RequestKind)>,
@@ -87,8 +87,8 @@ fn cycles_run_one_after_the_other() {
     assert_eq!(script.refusals, []);
 }
 
-/// The disc is changed while the cell is held for this reason; the result is accepted, and the wear of the disc is
-/// counted from zero.
+/// The disc is changed while the cell is held because of its wear. The result is accepted, and the wear of the disc is
+/// then counted from zero.
 #[test]
 fn a_new_disc_continues_after_a_review() {
     let mut cell = Fake::new(Scene::Good);
@@ -107,8 +107,8 @@ fn a_new_disc_continues_after_a_review() {
     assert!((1_000.0..900_000.0).contains(&record.worn_mm2), "{}", record.worn_mm2);
 }
 
-/// The warning output is on once for each start from rest, for the time in the cell's file, and is off again before the
-/// arm moves.
+/// The warning output is on once for each start from rest, for the time in the cell's file, and is switched off before
+/// the arm moves.
 #[test]
 fn the_cell_warns_before_it_moves() {
     let mut cell = Fake::new(Scene::Clean);
@@ -122,8 +122,8 @@ fn the_cell_warns_before_it_moves() {
     assert_eq!(silent.warning_ms.0, [], "a cell without the output");
 }
 
-/// A stop is sent to the robot before the loop receives it: a command that is sent in between is not a fault, and the
-/// state table stops the cycle.
+/// A stop is sent to the robot before the loop receives it. A command that the loop sends in between is not a fault,
+/// and the state table stops the cycle.
 #[test]
 fn a_command_after_a_directly_sent_stop_is_no_fault() {
     let cell = Fake::new(Scene::Clean);
@@ -203,9 +203,9 @@ struct FaultyCameras {
     cameras: FakeCameras,
     /// The first scan lasts until the test releases it.
     go_on: Option<Receiver<()>>,
-    /// The faults that a check reports.
+    /// The faults that the check of the cameras reports.
     wrong: Vec<CameraFault>,
-    /// The pictures of each film that are dropped.
+    /// The indices of the pictures of each film that are dropped.
     drops: Range<u64>,
     taken: u64,
 }
@@ -221,8 +221,8 @@ impl Port<CameraCommand> for FaultyCameras {
         match command {
             CameraCommand::Scan => {
                 if let Some(go_on) = self.go_on.take() {
-                    // Much longer than the test takes: if the loop waited for this scan, no code would release the
-                    // scan.
+                    // This time is much longer than the test: if the loop waited for this scan, nothing would release
+                    // the scan.
                     let why = |_| CameraFault { camera: "the scanner", why: "the loop waited for it".to_owned() };
                     go_on.recv_timeout(Duration::from_secs(30)).map_err(why)?;
                 }
@@ -247,8 +247,8 @@ impl Port<CameraCommand> for FaultyCameras {
     }
 }
 
-/// With the wall clock, the loop does not request the film's next picture: it is evaluated when the camera has it,
-/// whatever the robot does.
+/// With the wall clock, the loop does not request the next picture of the film: each picture is evaluated when the
+/// camera delivers it, whatever the robot does.
 #[test]
 fn a_film_continues_without_the_robot() {
     let fake = Fake::new(Scene::Clean);
@@ -270,14 +270,14 @@ fn a_film_continues_without_the_robot() {
             setup,
         };
         computing.submit(work);
-        let worked = worked(&mut computing).expect("in time");
-        seen_s.extend(watched_s(&worked));
+        let worked = next_result(&mut computing).expect("in time");
+        seen_s.extend(film_duration_s(&worked));
         perception = worked.artifacts.expect("not lost").0;
     }
-    // The first picture is due at once, then one every two seconds.
+    // The first picture is available immediately, then one every two seconds.
     for passes_ms in [0, 2_000, 2_000, 2_000] {
         fake.time_passes(passes_ms);
-        seen_s.extend(watched_s(&worked(&mut computing).expect("in time")));
+        seen_s.extend(film_duration_s(&next_result(&mut computing).expect("in time")));
     }
     assert_eq!(seen_s, [0.0, 0.0, 2.0, 4.0, 6.0]);
     computing.abandon();
@@ -285,21 +285,21 @@ fn a_film_continues_without_the_robot() {
     assert!(computing.ready(Duration::from_millis(200)).is_none(), "no person waits for it any more");
 }
 
-/// Returns the next result, if one comes within a time that is long even on a busy machine.
-fn worked(computing: &mut Computing) -> Option<WorkResult> {
+/// Returns the next result, if it arrives within a time that is sufficient even on a busy machine.
+fn next_result(computing: &mut Computing) -> Option<WorkResult> {
     computing.ready(Duration::from_secs(60))?;
     computing.ready_result()
 }
 
-fn watched_s(worked: &WorkResult) -> Option<f64> {
+fn film_duration_s(worked: &WorkResult) -> Option<f64> {
     match worked.outcome {
         Ok(WorkOutcome::Watching { seen_s }) => Some(seen_s),
         _ => None,
     }
 }
 
-/// If the camera drops pictures, the times of the pictures have gaps: the film is not a valid test, whatever it shows,
-/// and the number of dropped pictures is reported.
+/// If the camera drops pictures, the times of the pictures have gaps. The film is then not a valid test, whatever it
+/// shows, and the number of dropped pictures is reported.
 #[test]
 fn dropped_pictures_are_a_gap_in_time() {
     let cell = Fake::new(Scene::Clean);
@@ -311,14 +311,14 @@ fn dropped_pictures_are_a_gap_in_time() {
     let codes: Vec<String> = film.judgement.reasons.iter().map(|reason| reason.code.to_string()).collect();
     assert!(film.judgement.verdict == Verdict::Invalid && codes.contains(&"gap".to_owned()), "{film:?}");
     assert_eq!(film.number("pictures that were dropped"), Some(6.0));
-    // Calculated by hand: one picture every two seconds. The fourth one was taken at six seconds, and the next one that
-    // was received, the eleventh, at twenty.
+    // Expected value, calculated by hand: with one picture every two seconds, the fourth picture was captured at 6 s.
+    // The next received picture is the eleventh, at 20 s.
     let longest_s = film.number("longest time between two of them").expect("measured");
     assert!((longest_s - 14.0).abs() < 1e-6, "{longest_s}");
 }
 
-/// A stop during the scan leads to Stopped before the scan ends. The result of the scan is dropped, and the next cycle
-/// makes its own scan.
+/// A stop during the scan leads to Stopped before the scan ends. The result of the scan is discarded, and the next
+/// cycle captures its own scan.
 #[test]
 fn a_stop_does_not_wait_for_a_computation() {
     let cell = Fake::new(Scene::Clean);
@@ -354,9 +354,9 @@ fn a_stop_does_not_wait_for_a_computation() {
     assert_eq!(record.events[..stop].iter().filter(graded).count(), 0, "it was under way");
 }
 
-/// An order that the state table refuses begins no cycle.
+/// A start that the state table refuses begins no cycle.
 #[test]
-fn a_refused_order_begins_no_cycle() {
+fn a_refused_start_begins_no_cycle() {
     let cell = Fake::new(Scene::Clean);
     let early = RequestKind::Begin(Box::new(cell.prepared()));
     let heard = |state: &State| state.facts.robot == panelprep_cell::cycle::Robot::Ready;
@@ -366,8 +366,8 @@ fn a_refused_order_begins_no_cycle() {
     assert_eq!(script.refusals[0].1, Refusal::NotNow);
 }
 
-/// The controller reports another checksum than the accepted one: neither Reset nor Start begins anything. With the
-/// accepted checksum, the reset succeeds.
+/// The controller reports another checksum than the accepted one: Reset and Start have no effect. With the accepted
+/// checksum, the reset succeeds.
 #[test]
 fn programs_that_were_not_accepted_prevent_reset_and_start() {
     let other = cycle::Robot::OtherPrograms;
@@ -401,8 +401,8 @@ fn programs_that_were_not_accepted_prevent_reset_and_start() {
     assert_eq!(script.refusals, []);
 }
 
-/// A real controller behind a tunnel to this computer, without signed proofs: nothing is started, and a cycle that
-/// began with a mock moves nothing more when the real controller answers.
+/// A real controller is connected through a tunnel to this computer, without signed acceptance tests: no motion is
+/// started, and a cycle that began with a mock controller does not continue when the real controller answers.
 #[test]
 fn a_real_controller_at_an_address_of_this_computer_does_not_move() {
     let tunnel = "[robot]\nkind = \"eki\"\nhost = \"127.0.0.1\"\nprograms_sum = 1\n";
@@ -460,10 +460,10 @@ fn a_self_test_reports_all_problems() {
     assert!(failed(&script) && codes(&script) == ["disk_full"], "{:?}", script.noted);
 }
 
-/// The disk fills while the cell works: the cell is held at the next rest and reports this, and continues only when
-/// there is space.
+/// The disk becomes full while a cycle is running: the cell is held at the next rest and reports this. The cycle
+/// continues only when there is free space.
 #[test]
-fn a_full_disk_holds_the_cell_until_there_is_room() {
+fn a_full_disk_holds_the_cell_until_there_is_space() {
     let held = |state: &State| matches!(state.at, At::Held(Hold { why: Why::Trouble(Trouble::DiskFull), .. }));
     let mut cell = Fake::new(Scene::Good);
     cell.fills_at = Some(30);

@@ -30,7 +30,7 @@ fn a_scan_gives_the_loop_and_a_command_the_same_checks() {
     let by_command = locate::locate((&panel, &model), view, &recipe);
     let story = fake.run(Asks::one_cycle());
     let by_loop = story.findings.iter().find(|finding| finding.kind == Kind::Locate).expect("located");
-    // The loop adds its elapsed time.
+    // In addition to the values of the stage, the loop reports its elapsed time.
     let (elapsed, checks) = by_loop.checks.split_last().expect("numbers");
     assert_eq!(elapsed.name, name::SCAN_TO_VERDICT);
     assert!(checks.len() > 20 && by_command.obstacles().is_some());
@@ -40,7 +40,7 @@ fn a_scan_gives_the_loop_and_a_command_the_same_checks() {
     assert_eq!(by_loop.details["base_from_panel"], serde_json::json!(pose));
 }
 
-/// Returns the points of the region in the scan of this cell, in which a command locates the panel.
+/// Returns the points of the region in the scan of this cell in which a command locates the panel.
 fn todays_scan(fake: &Fake) -> TodaysScan {
     let (_, recipe, (panel, _), calibrations) = fake.files();
     let scan = fake.scan();
@@ -95,7 +95,7 @@ fn grids_give_the_loop_and_a_command_the_same_plan() {
 }
 
 /// Returns the checks without the elapsed times and without the values of the loop's own moves.
-fn of_the_stage<'c>(checks: impl IntoIterator<Item = &'c Check>) -> Vec<Check> {
+fn checks_of_the_stage<'c>(checks: impl IntoIterator<Item = &'c Check>) -> Vec<Check> {
     let of_the_loop = [
         name::PER_PICTURE,
         "pictures that were dropped",
@@ -126,7 +126,7 @@ fn a_clip_gives_the_loop_and_a_command_the_same_checks() {
         (2, 2, 2),
         "a broken film, and a whole one"
     );
-    // Only the first film is compared: the second one shows sanded areas.
+    // Only the first film is compared, because the second film shows sanded areas.
     for (index, by_loop) in by_loop.into_iter().enumerate().take(1) {
         let end = starts.get(index + 1).copied().unwrap_or(story.frames.len());
         let mut filming =
@@ -141,13 +141,12 @@ fn a_clip_gives_the_loop_and_a_command_the_same_checks() {
         let counted = film::FilmCounts { ms_per_picture: None, dropped: None };
         let by_command = filmed.finding(&film_setup, by_loop.pass, counted);
         assert!(by_command.checks.len() > 10);
-        assert_eq!(of_the_stage(&by_loop.checks), of_the_stage(&by_command.checks));
+        assert_eq!(checks_of_the_stage(&by_loop.checks), checks_of_the_stage(&by_command.checks));
         assert_eq!(by_loop.judgement, by_command.judgement);
     }
 }
 
-/// For the loop's last finding about the corners, the stage receives both pictures by which the loop corrected the
-/// pose.
+/// The stage receives both pictures by which the loop corrected the pose for its last finding about the corners.
 #[test]
 fn corner_pictures_give_the_loop_and_a_command_the_same_checks() {
     let fake = Fake::new(Scene::Good);
@@ -175,7 +174,7 @@ fn corner_pictures_give_the_loop_and_a_command_the_same_checks() {
         .collect();
     assert_eq!(sightings.len(), 2);
     let by_command = held.refine(located.to_rigid(), &sightings, (None, None)).expect("corrected");
-    let (by_loop, by_command) = (of_the_stage(&by_loop.checks), of_the_stage(&by_command.checks));
+    let (by_loop, by_command) = (checks_of_the_stage(&by_loop.checks), checks_of_the_stage(&by_command.checks));
     assert!(by_command.len() > 5);
     for check in &by_command {
         let same = by_loop.iter().find(|of_loop| of_loop.name == check.name).unwrap_or_else(|| panic!("{check:?}"));

@@ -1,10 +1,10 @@
-//! Accounts: who may log in, and with which role; logging in and out, and one's own password.
+//! Accounts: who may log in, and with which role; log-in and log-out, and the change of the own password.
 
-use super::answers::{Answer, panic_response, reading};
+use super::answers::{Answer, panic_response, read_store};
 use super::guard::{VisitorExtension, cookie_name, refusal};
 use super::layout::{Frame, Script};
 use super::sessions::{SessionHolder, Visitor, role_key};
-use super::state::{Web, entry, hashing, pauses, run_blocking};
+use super::state::{Web, entry, hashing, lock_text, run_blocking};
 use crate::daemon::people::{LoginResult, account_stamp};
 use axum::extract::{Path, Query, State};
 use axum::http::{StatusCode, header};
@@ -28,8 +28,8 @@ pub(super) struct NextPath {
     next: String,
 }
 
-/// Returns the path if it is on this page, otherwise `/`: a log-in must not lead to another site. A browser removes
-/// tabs and line feeds from an address before it uses the address, so that `/<tab>/host` would be another host.
+/// Returns the path if it is on this page, otherwise `/`, because a log-in must not lead to another site. A browser
+/// removes tabs and line feeds from an address before it uses the address, so `/<tab>/host` would be another host.
 fn local_path(next: &str) -> &str {
     let is_own = next.starts_with('/')
         && !next.starts_with("//")
@@ -84,14 +84,14 @@ pub(super) async fn login(
             run_blocking(move || people.audit_failed_login(&line)).await;
             return wrong(words.text("login.wrong"));
         }
-        LoginResult::Pauses(left_s) => return wrong(&pauses(left_s, words)),
+        LoginResult::Pauses(left_s) => return wrong(&lock_text(left_s, words)),
         LoginResult::Unknown => return wrong(words.text("login.wrong")),
     };
     write_audit(&web, AuditEntry { role: Some(account.role), ..line }).await;
     begin_session(&web, &visitor, account)
 }
 
-/// Begins a session under a new token, whatever token the browser had before.
+/// Begins a session with a new token, whatever token the browser had before.
 fn begin_session(web: &Web, visitor: &Visitor, account: Account) -> Response {
     let (Ok(token), Ok(csrf)) = (random::token(), random::token()) else {
         return refusal(
@@ -107,35 +107,36 @@ fn begin_session(web: &Web, visitor: &Visitor, account: Account) -> Response {
     if let Some(person) = &visitor.person {
         web.sessions().end(&person.token);
     }
-    web.sessions().begin_session((&token, csrf), holder(account), web.now_s());
+    web.sessions().begin_session((&token, csrf), session_holder(account), web.now_s());
     let cookie = set_cookie(web, &token, lasts);
     ([(header::SET_COOKIE, cookie)], Json(json!({ "message": "" }))).into_response()
 }
 
-fn holder(account: Account) -> SessionHolder {
+fn session_holder(account: Account) -> SessionHolder {
     let stamp = account_stamp(&account);
     let Account { name, printed_name, role, .. } = account;
     SessionHolder { name, printed_name, role, stamp }
 }
 
-/// Returns the token of a wall display's session. It follows from the password's hash, which only the store has, so
-/// that the service can begin the same session again when it starts; another password gives another token.
+/// Returns the token of a wall display's session. It is computed from the hash of the password, which only the store
+/// has, so that the service can begin the same session again when it starts. Another password gives another token.
 fn display_token(account: &Account) -> String {
     content_hash(format!("session of a display\n{}\n{}", account.name, account.password_hash).as_bytes())
 }
 
-/// Begins the sessions of all wall displays, as the service starts: no person logs in there. It runs on the calling
-/// thread.
+/// Begins the sessions of all wall displays when the service starts, because no person logs in there. The call blocks
+/// while it reads the store.
 pub(super) fn begin_displays(web: &Web) {
     let accounts = match web.read(|store| store.accounts()) {
         Ok(accounts) => accounts,
-        Err(error) => return tracing::warn!("wall displays have to log in: {error}"),
+        Err(error) => return tracing::warn!("the sessions of the wall displays cannot be started: {error}; log in at \
+                                             each display"),
     };
     let displays = accounts.into_values().filter(|account| account.role == Role::Display && account.is_enabled);
     for account in displays {
         let Ok(csrf) = random::token() else { return };
         let token = display_token(&account);
-        web.sessions().begin_session((&token, csrf), holder(account), web.now_s());
+        web.sessions().begin_session((&token, csrf), session_holder(account), web.now_s());
     }
 }
 
@@ -161,7 +162,7 @@ pub(super) struct NewPassword {
 }
 
 /// Shows the form with which people change their own passwords, so that no other person knows them.
-pub(super) async fn own(Extension(visitor): VisitorExtension) -> Response {
+pub(super) async fn own_password_page(Extension(visitor): VisitorExtension) -> Response {
     let words = visitor.language();
     let word = |key| words.text(key);
     let body = html! {
@@ -178,7 +179,7 @@ pub(super) async fn own(Extension(visitor): VisitorExtension) -> Response {
     Frame { visitor: &visitor, title: word("login.own"), here: "/password", scripts: &[Script::Forms] }.page(&body)
 }
 
-/// Changes the person's own password; the old password is needed.
+/// Changes the person's own password; the old password is required.
 pub(super) async fn change_password(
     State(web): State<Arc<Web>>,
     Extension(visitor): VisitorExtension,
@@ -207,7 +208,7 @@ pub(super) async fn change_password(
             Json(json!({ "message": words.text("login.again") })).into_response()
         }
         Some(Err(NotChanged::Pauses(left_s))) => {
-            refusal(StatusCode::UNAUTHORIZED, "log_in", &pauses(left_s, words))
+            refusal(StatusCode::UNAUTHORIZED, "log_in", &lock_text(left_s, words))
         }
         Some(Err(NotChanged::WrongPassword)) => refused(words.text("login.old_wrong")),
         Some(Err(NotChanged::Problem(problem))) => refused(&problem),
@@ -217,15 +218,15 @@ pub(super) async fn change_password(
 
 /// The reason why a password was not changed.
 enum NotChanged {
-    /// Log-in to the account is blocked for this many more seconds.
+    /// Log-ins to the account are blocked for this number of seconds.
     Pauses(f64),
     /// The old password is wrong.
     WrongPassword,
-    /// Message for the person.
+    /// A message for the person.
     Problem(String),
 }
 
-/// Chooses a language, and returns to the page on which it was chosen.
+/// Sets the language of the page, and returns to the page on which it was chosen.
 pub(super) async fn language(
     State(web): State<Arc<Web>>,
     Path(name): Path<String>,
@@ -242,9 +243,9 @@ async fn write_audit(web: &Arc<Web>, line: AuditEntry) {
     run_blocking(move || web.audit(&line)).await;
 }
 
-/// Shows all accounts, with a form for each.
+/// Shows all accounts, each with a form to change it.
 pub(super) async fn people_page(State(web): State<Arc<Web>>, Extension(visitor): VisitorExtension) -> Answer {
-    let accounts = reading(&web, &visitor, Store::accounts).await?;
+    let accounts = read_store(&web, &visitor, Store::accounts).await?;
     let words = visitor.language();
     let word = |key| words.text(key);
     let body = html! {
@@ -309,7 +310,7 @@ fn account_form(visitor: &Visitor, account: Option<&Account>) -> Markup {
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct AccountChange {
-    /// Whether the account is to be added: one that exists is not changed.
+    /// Whether the account must be new; an account that already exists is then not changed.
     #[serde(default)]
     is_new: bool,
     name: String,
@@ -330,7 +331,7 @@ pub(super) async fn save_account(
     let exists = visitor.language().text("people.exists").to_owned();
     match hashing(&web, move || store_change(&shared, line, changed, exists)).await {
         Some(Ok(())) => {
-            // The person's permissions have changed: the old role must not remain in use.
+            // The person's permissions have changed, so sessions with the old role must end.
             web.sessions().end_account_sessions(&name);
             Json(json!({ "message": visitor.language().text("saved") })).into_response()
         }
@@ -343,7 +344,7 @@ fn store_change(web: &Web, line: AuditEntry, changed: AccountChange, exists: Str
     let accounts = web.read(|store| store.accounts()).map_err(|error| error.to_string())?;
     let former = accounts.get(&changed.name);
     if changed.is_new && former.is_some() {
-        // Signatures under this name would belong to another person.
+        // Signatures under this name would be assigned to another person.
         return Err(exists);
     }
     let account = account(&changed, former)?;
@@ -365,12 +366,12 @@ fn store_change(web: &Web, line: AuditEntry, changed: AccountChange, exists: Str
 fn account(changed: &AccountChange, former: Option<&Account>) -> Result<Account, String> {
     let AccountChange { name, printed_name, role, password, is_enabled, .. } = changed;
     let salt = random::bytes()
-        .map_err(|error| format!("this computer's random number generator cannot be used: {error}"))?;
+        .map_err(|error| format!("this computer's random number generator cannot be used: {error}; try again"))?;
     let password = Some(password.as_str()).filter(|password| !password.is_empty());
     Account::create_validated((name, printed_name), (*role, *is_enabled), (password, salt), former)
 }
 
-/// Returns whether, after this change, no account would be left that may change accounts.
+/// Returns whether no account that may change accounts would remain after this change.
 fn removes_last_administrator(accounts: &BTreeMap<String, Account>, changed: &Account) -> bool {
     let may = |account: &Account| account.is_enabled && account.role.has_permission(Permission::ManagePeople);
     !may(changed) && !accounts.values().any(|other| other.name != changed.name && may(other))

@@ -1,6 +1,6 @@
 //! The alarms of the newest cycles as a list, and their acknowledgement.
 
-use super::answers::{Answer, DownloadFormat, panic_response, reading};
+use super::answers::{Answer, DownloadFormat, panic_response, read_store};
 use super::guard::{VisitorExtension, refusal};
 use super::layout::{Frame, Script, local_time};
 use super::page_texts::Language;
@@ -38,7 +38,7 @@ async fn list_alarms(
     as_what: DownloadFormat,
 ) -> Answer {
     let shared = web.clone();
-    let alarms = reading(&web, &visitor, move |store| shared.front.alarms.all_from_store(store)).await?;
+    let alarms = read_store(&web, &visitor, move |store| shared.front.alarms.all_from_store(store)).await?;
     Ok(match as_what {
         DownloadFormat::Page => {
             let words = visitor.language();
@@ -68,7 +68,7 @@ fn body(words: Language<'_>, alarms: &[Alarm], may_acknowledge: bool) -> Markup 
     }
 }
 
-/// Returns the key of a priority's word; the words have symbols, so that they are understood without colour.
+/// Returns the key of the word for a priority; the words have symbols, so that they are understood without colour.
 fn priority_key(priority: Priority) -> &'static str {
     match priority {
         Priority::High => "alarms.priority.high",
@@ -109,7 +109,7 @@ fn show_alarm(words: Language<'_>, alarm: &Alarm, may_acknowledge: bool) -> Mark
     }
 }
 
-/// The alarm that is acknowledged; a form sends texts.
+/// The alarm that a person acknowledges; a form sends its fields as texts.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct AcknowledgeForm {
@@ -118,7 +118,7 @@ pub(super) struct AcknowledgeForm {
     raised_unix_ms: String,
 }
 
-/// Records that the person has seen an alarm, and writes this to the audit trail.
+/// Records that the person has acknowledged an alarm, and adds this to the audit trail.
 pub(super) async fn acknowledge(
     State(web): State<Arc<Web>>,
     Extension(visitor): VisitorExtension,
@@ -135,7 +135,7 @@ pub(super) async fn acknowledge(
     }
 }
 
-/// Returns false if there is no such alarm, or it was already acknowledged.
+/// Stores an acknowledgement; returns false if the alarm does not exist, or was already acknowledged.
 fn store_acknowledgement(
     web: &Web,
     line: AuditEntry,

@@ -1,5 +1,5 @@
-//! The answers of the pages: the store is read outside of the page's runtime, an error becomes a page, and the data of
-//! a page is also a file: CSV for a spreadsheet, JSON for a program.
+//! The responses of the pages: the store is read outside of the page's runtime, an error becomes a page, and the data
+//! of a page is also available as a file: CSV for a spreadsheet, JSON for a program.
 
 use super::guard::not_found_page;
 use super::layout::error_page;
@@ -13,11 +13,11 @@ use panelprep_store::store::{Store, StoreError};
 use serde::Serialize;
 use std::sync::Arc;
 
-/// The answer of a handler: a page, or an error response in its place.
+/// The response of a handler: a page, or an error response.
 pub(super) type Answer = Result<Response, Response>;
 
-/// Reads the store. If the data does not exist or cannot be read, the error becomes the response.
-pub(super) async fn reading<T: Send + 'static>(
+/// Reads the store. If the data do not exist or cannot be read, the error becomes the response.
+pub(super) async fn read_store<T: Send + 'static>(
     web: &Arc<Web>,
     visitor: &Visitor,
     read: impl FnOnce(&Store) -> Result<T, StoreError> + Send + 'static,
@@ -31,7 +31,7 @@ pub(super) async fn reading<T: Send + 'static>(
     }
 }
 
-/// Does work that may wait for a disk; an error, in words, becomes the response.
+/// Performs work that may wait for a disk; an error becomes the response.
 pub(super) async fn with_store<T: Send + 'static>(
     visitor: &Visitor,
     work: impl FnOnce() -> Result<T, String> + Send + 'static,
@@ -56,15 +56,15 @@ pub(super) enum DownloadFormat {
     Json,
 }
 
-/// Returns a table as a file; `name` is the file name without its extension.
+/// Returns a table as a CSV file; `name` is the file name without its extension.
 pub(super) fn csv(visitor: &Visitor, name: &str, table: &Table) -> Response {
     csv_file(name, table).unwrap_or_else(|error| error_page(visitor, &error))
 }
 
-/// Returns the same file for callers that report a failure differently.
+/// Returns a table as a CSV file, for callers that report a failure differently.
 ///
 /// # Errors
-/// If a row does not have the same length as the names of the columns.
+/// If a row does not have the same length as the header.
 pub(in crate::daemon) fn csv_file(name: &str, table: &Table) -> Result<Response, csv::Error> {
     let named = format!("attachment; filename=\"{name}.csv\"");
     let headers =
@@ -72,7 +72,7 @@ pub(in crate::daemon) fn csv_file(name: &str, table: &Table) -> Result<Response,
     Ok((headers, table.csv()?).into_response())
 }
 
-/// Returns the same data as JSON for a program.
+/// Returns the data of a page as JSON.
 pub(super) fn json(data: &impl Serialize) -> Response {
     Json(data).into_response()
 }

@@ -1,7 +1,7 @@
 //! The audit trail: who did what, when and from which address.
 
 use super::answers;
-use super::answers::{Answer, reading};
+use super::answers::{Answer, read_store};
 use super::guard::VisitorExtension;
 use super::layout::{Frame, local_time};
 use super::state::Web;
@@ -16,22 +16,22 @@ use panelprep_store::store::{NumberedEntry, NumberedRequest, Store, StoreError, 
 use serde::Deserialize;
 use std::sync::Arc;
 
-/// Number of lines on one page; the next constant is the largest number of lines in one file.
+/// Number of lines on one page, and below it maximum number of lines in one file.
 const PAGE_LINES: usize = 100;
 const MAX_FILE_LINES: usize = 100_000;
 
-/// The line before which a page begins: the last one of the page before.
+/// The position before which a page begins: the last line of the previous page.
 #[derive(Debug, Clone, Default, Deserialize)]
 pub(super) struct Before {
-    /// Its time, ms since 1970.
+    /// The time of this line, ms since 1970.
     before: Option<i64>,
-    /// Its label. Without it, the page begins before this time.
+    /// The label of this line. Without it, the page begins before the time.
     line: Option<String>,
 }
 
 impl Before {
-    /// Returns the positions in the audit trail and among the requests. Of the lines of one millisecond, the requests
-    /// come first.
+    /// Returns the positions in the audit trail and among the requests. Within one millisecond, the requests come
+    /// first.
     fn positions(&self) -> Option<(TrailPosition, TrailPosition)> {
         let label = self.line.as_deref().unwrap_or_default();
         let (audit, request) = match (label.parse::<i64>(), label.strip_prefix('R').map(str::parse::<i64>)) {
@@ -44,22 +44,22 @@ impl Before {
     }
 }
 
-/// A line of the trail: of the store's audit trail, or a request to the cell through any interface.
+/// A line of the page: an entry of the store's audit trail, or a request to the cell through any interface.
 struct Line {
     is_request: bool,
-    /// The number in its table of the store.
+    /// The number of the entry in its table of the store.
     number: i64,
     entry: AuditEntry,
 }
 
 impl Line {
-    /// The number, with an R before it for a request.
+    /// Returns the number of the entry, with an R before it for a request.
     fn label(&self) -> String {
         if self.is_request { format!("R{}", self.number) } else { self.number.to_string() }
     }
 }
 
-/// Returns the newest lines of both tables, the newest first.
+/// Returns the newest lines of both tables, ordered from new to old.
 fn lines(store: &Store, before: &Before, most: usize) -> Result<Vec<Line>, StoreError> {
     let (audit, request) = before.positions().unzip();
     let of_people = store.audit(audit, most)?.into_iter();
@@ -71,7 +71,7 @@ fn lines(store: &Store, before: &Before, most: usize) -> Result<Vec<Line>, Store
     Ok(lines)
 }
 
-/// Returns a request to the cell as a line: what was requested, in which cycle, by whom, and its outcome.
+/// Returns the line of a request to the cell: what was requested, in which cycle, by whom, and its result.
 fn request_line(NumberedRequest { number, cycle, request }: NumberedRequest) -> Line {
     let (what, of) = match &request.wanted {
         RequestedAction::For(asked) => (command(*asked), None),
@@ -131,7 +131,7 @@ pub(super) async fn page(
     Extension(visitor): VisitorExtension,
     Query(before): Query<Before>,
 ) -> Answer {
-    let lines = reading(&web, &visitor, move |store| lines(store, &before, PAGE_LINES)).await?;
+    let lines = read_store(&web, &visitor, move |store| lines(store, &before, PAGE_LINES)).await?;
     let words = visitor.language();
     let word = |key| words.text(key);
     let older = lines.last().filter(|_| lines.len() == PAGE_LINES);
@@ -166,9 +166,9 @@ pub(super) async fn page(
     Ok(frame.page(&body))
 }
 
-/// Returns the whole trail as a file.
+/// Returns the whole audit trail as a file.
 pub(super) async fn csv(State(web): State<Arc<Web>>, Extension(visitor): VisitorExtension) -> Answer {
-    let lines = reading(&web, &visitor, |store| lines(store, &Before::default(), MAX_FILE_LINES)).await?;
+    let lines = read_store(&web, &visitor, |store| lines(store, &Before::default(), MAX_FILE_LINES)).await?;
     Ok(answers::csv(&visitor, "audit", &table(&lines)))
 }
 
@@ -269,7 +269,7 @@ mod tests {
         assert!(lines(&store, &before_1970, 10).expect("read").is_empty(), "nothing before 1970");
     }
 
-    /// Three requests and two lines of people in one millisecond: pages of two contain each of the five once.
+    /// Three requests and two entries within one millisecond: two-line pages contain each of the five lines once.
     #[test]
     fn pages_contain_each_line_of_one_millisecond_once() {
         let folder = tempfile::tempdir().expect("a folder");

@@ -1,5 +1,5 @@
-//! The view of both cameras between cycles, with the quality values of the picture. While a cycle is in progress no
-//! picture is taken, and the reason is shown.
+//! The view of both cameras between cycles, with the quality values of the pictures. While a cycle is running no
+//! picture is captured, and the reason is shown.
 
 use super::answers::panic_response;
 use super::guard::{VisitorExtension, not_found_page, refusal};
@@ -24,9 +24,9 @@ use panelprep_devices::cameras::PictureQuality;
 use serde_json::json;
 use std::sync::Arc;
 
-/// The largest width of a picture that is sent, px.
+/// Maximum width of a picture that is sent, px.
 const MAX_WIDTH_PX: usize = 1_280;
-/// Each camera, with its name in addresses and the key of its displayed name.
+/// Each camera with its name in addresses and the key of its displayed name.
 const CAMERA_EYES: [(&str, &str, CameraEye); 2] =
     [("scanner", "cameras.scanner", CameraEye::Scanner), ("flange", "cameras.flange", CameraEye::Flange)];
 
@@ -34,7 +34,7 @@ fn parse_camera(name: &str) -> Option<usize> {
     CAMERA_EYES.iter().position(|(word, ..)| *word == name)
 }
 
-/// Returns the page of both cameras.
+/// Returns the page with both cameras.
 pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): VisitorExtension) -> Response {
     let words = visitor.language();
     let may = visitor.has_permission(Permission::Configure);
@@ -73,7 +73,7 @@ fn show_shot(words: Language<'_>, name: &str, view: &CameraShot) -> Markup {
     }
 }
 
-/// Returns the quality values of a picture: the same that `panelprep shoot` reports.
+/// Returns the quality values of a picture, which `panelprep shoot` reports as well.
 fn quality_values(view: &CameraShot) -> Vec<(&'static str, String)> {
     let CameraShot { quality, conditions, .. } = view;
     let percent = |share: f64| format!("{} %", fixed_decimals(100.0 * share, 2));
@@ -99,7 +99,7 @@ pub(super) async fn picture(State(web): State<Arc<Web>>, Path(name): Path<String
     }
 }
 
-/// Takes a picture with a camera, if the cell is at rest without a cycle.
+/// Captures a picture with a camera, if no cycle is running.
 pub(super) async fn capture(
     State(web): State<Arc<Web>>,
     Extension(visitor): VisitorExtension,

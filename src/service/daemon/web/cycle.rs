@@ -1,16 +1,16 @@
 //! The record of one cycle: to read, to download, and to sign.
 //!
-//! Its signed files can be verified on another computer without a terminal at the cell: the cell's record, the
-//! signatures of people, each with its signature, and the public key.
+//! Its signed files can be verified on another computer, without access to the cell: the record signed by the cell, the
+//! signatures of people, and the public keys.
 
-use super::answers::{Answer, panic_response, reading, with_store};
+use super::answers::{Answer, panic_response, read_store, with_store};
 use super::guard::{VisitorExtension, not_found_page, refusal};
 use super::history::verdict_text;
 use super::layout::{Frame, Script, local_time};
 use super::page_texts::Language;
 use super::run_page;
 use super::sessions::{Person, Visitor};
-use super::state::{Web, entry, hashing, pauses};
+use super::state::{Web, entry, hashing, lock_text};
 use crate::daemon::people::{LoginResult, account_stamp};
 use crate::daemon::sources::RecordPdf;
 use axum::extract::{Path, State};
@@ -28,30 +28,30 @@ use serde::Deserialize;
 use serde_json::json;
 use std::sync::Arc;
 
-/// The content security policy of the record's page: style and pictures are inside the page, and there is no
-/// script. Only the page around it may frame it.
+/// The content security policy of the record's page: style and pictures are inside the page, and there is no script.
+/// Only the operator's page may show it in a frame.
 const POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; form-action 'none'; base-uri 'none'; \
                       frame-ancestors 'self'";
 
-/// Parses the number of a cycle; a text that is not a number gives "not found".
-async fn id(number: &str) -> Result<CycleId, Response> {
+/// Parses the number of a cycle; a text that is not a number gives the response "not found".
+async fn parse_cycle_id(number: &str) -> Result<CycleId, Response> {
     match number.parse() {
         Ok(number @ 1..) => Ok(CycleId(number)),
         _ => Err(not_found_page().await),
     }
 }
 
-/// Shows a cycle with its record inside, its signatures and the form to sign it.
+/// Shows a cycle with its record, its signatures, and the form to sign it.
 pub(super) async fn page(
     State(web): State<Arc<Web>>,
     Extension(visitor): VisitorExtension,
     Path(number): Path<String>,
 ) -> Answer {
-    let id = id(&number).await?;
+    let id = parse_cycle_id(&number).await?;
     let read = move |store: &Store| {
         Ok(((store.cycle(id)?, store.cycle_part(id)?), store.person_signatures(id)?, store.cycle_signatures(id)?))
     };
-    let ((record, part), signatures, rows) = reading(&web, &visitor, read).await?;
+    let ((record, part), signatures, rows) = read_store(&web, &visitor, read).await?;
     let words = visitor.language();
     let word = |key| words.text(key);
     let title = format!("{} {id}", word("run.cycle"));
@@ -85,7 +85,7 @@ fn signature_text(signature: &PersonSignature) -> String {
     format!("{name} ({user}): {}{remark}{}", meaning.printed_text(), values.collect::<String>())
 }
 
-/// Shows the part and the result of the cycle: what a person signs.
+/// Shows the part and the result of the cycle, which a person signs.
 fn show_end(words: Language<'_>, record: &CycleRecord, part: Option<&PartNames>) -> Markup {
     let part = part.cloned().unwrap_or_default();
     let names: Vec<String> = [part.serial, part.order, part.operator].into_iter().flatten().collect();
@@ -102,7 +102,7 @@ fn show_end(words: Language<'_>, record: &CycleRecord, part: Option<&PartNames>)
     }
 }
 
-/// Shows the form of a signature, with the part, the result, and the values that the cell does not measure.
+/// Shows the form for a signature, with the part, the result, and the values that the cell does not measure.
 fn sign_form(visitor: &Visitor, record: &CycleRecord, part: Option<&PartNames>) -> Markup {
     let words = visitor.language();
     let word = |key| words.text(key);
@@ -129,12 +129,12 @@ fn sign_form(visitor: &Visitor, record: &CycleRecord, part: Option<&PartNames>) 
     }
 }
 
-/// Returns the word for the meaning of a signature in requests; it is stored in the same form.
+/// Returns the word for the meaning of a signature (for example "reviewed") as in requests and in the store.
 fn meaning_key(meaning: Meaning) -> String {
     serde_json::to_value(meaning).ok().and_then(|value| value.as_str().map(str::to_owned)).unwrap_or_default()
 }
 
-/// Serves the page of the record only, as a person reads and prints it.
+/// Serves the page of the record alone, for reading and printing.
 pub(super) async fn record(
     State(web): State<Arc<Web>>,
     Extension(visitor): VisitorExtension,
@@ -168,8 +168,8 @@ pub(super) async fn pdf(
 
 /// Returns the number of a cycle, if the cycle exists.
 async fn existing_cycle(web: &Arc<Web>, visitor: &Visitor, number: &str) -> Result<CycleId, Response> {
-    let id = id(number).await?;
-    match reading(web, visitor, move |store| store.has_cycle(id)).await? {
+    let id = parse_cycle_id(number).await?;
+    match read_store(web, visitor, move |store| store.has_cycle(id)).await? {
         true => Ok(id),
         false => Err(not_found_page().await),
     }
@@ -181,8 +181,8 @@ pub(super) async fn json(
     Extension(visitor): VisitorExtension,
     Path(number): Path<String>,
 ) -> Answer {
-    let id = id(&number).await?;
-    let record = reading(&web, &visitor, move |store| store.cycle(id)).await?;
+    let id = parse_cycle_id(&number).await?;
+    let record = read_store(&web, &visitor, move |store| store.cycle(id)).await?;
     Ok(Json(record).into_response())
 }
 
@@ -192,7 +192,7 @@ pub(super) async fn picture(
     Extension(visitor): VisitorExtension,
     Path((number, finding, picture)): Path<(String, String, String)>,
 ) -> Answer {
-    let id = id(&number).await?;
+    let id = parse_cycle_id(&number).await?;
     let (Ok(finding), Ok(picture)) = (finding.parse::<usize>(), picture.parse::<usize>()) else {
         return Err(not_found_page().await);
     };
@@ -201,7 +201,7 @@ pub(super) async fn picture(
         let named = record.findings.get(finding).and_then(|finding| finding.pictures.get(picture));
         named.map(|picture| store.blob(&picture.hash)).transpose()
     };
-    match reading(&web, &visitor, read).await? {
+    match read_store(&web, &visitor, read).await? {
         Some(jpeg) => Ok(([(header::CONTENT_TYPE, "image/jpeg")], jpeg).into_response()),
         None => Err(not_found_page().await),
     }
@@ -224,14 +224,14 @@ pub(super) struct SignForm {
     password: String,
 }
 
-/// Signs the record as the person who is logged in; the person must give the password once more.
+/// Signs the record as the person who is logged in; the person must enter the password again.
 pub(super) async fn sign(
     State(web): State<Arc<Web>>,
     Extension(visitor): VisitorExtension,
     Path(number): Path<String>,
     Json(form): Json<SignForm>,
 ) -> Answer {
-    let id = id(&number).await?;
+    let id = parse_cycle_id(&number).await?;
     let Some(person) = visitor.person.clone() else { return Err(not_found_page().await) };
     let SignForm { meaning, remark, water, lamp, ambient, abrasive, password } = form;
     let stated = |text: String| Some(text.trim().to_owned()).filter(|text| !text.is_empty());
@@ -250,7 +250,7 @@ pub(super) async fn sign(
     };
     let shared = web.clone();
     let signed = hashing(&web, move || {
-        let signed = signed(&shared, signs, &person, &password);
+        let signed = sign_record(&shared, signs, &person, &password);
         let refused = match &signed {
             Ok(_) => None,
             Err(NotSigned::Pauses(_)) => return signed,
@@ -264,7 +264,7 @@ pub(super) async fn sign(
         Some(Ok(number)) => {
             Ok(Json(json!({ "message": visitor.language().text("saved"), "number": number })).into_response())
         }
-        Some(Err(NotSigned::Pauses(left_s))) => Err(problem_at("password", &pauses(left_s, visitor.language()))),
+        Some(Err(NotSigned::Pauses(left_s))) => Err(problem_at("password", &lock_text(left_s, visitor.language()))),
         Some(Err(NotSigned::Problem(problem))) => Err(problem_at("sign", &problem)),
         None => Err(panic_response()),
     }
@@ -272,15 +272,15 @@ pub(super) async fn sign(
 
 /// The reason why a record was not signed.
 enum NotSigned {
-    /// Log-in to the account is blocked for this many more seconds.
+    /// Log-ins to the account are blocked for this number of seconds.
     Pauses(f64),
-    /// Message for the person.
+    /// A message for the person.
     Problem(String),
 }
 
-/// Signs the record and returns the signature's number. The present account data are used, and only if the account has
-/// not changed since the person logged in.
-fn signed(web: &Web, signs: PersonSigningRequest, person: &Person, password: &str) -> Result<u64, NotSigned> {
+/// Signs the record and returns the number of the signature. The present account data are used, and only if the account
+/// has not changed since the person logged in.
+fn sign_record(web: &Web, signs: PersonSigningRequest, person: &Person, password: &str) -> Result<u64, NotSigned> {
     let refused = |problem: &str| Err(NotSigned::Problem(problem.to_owned()));
     match web.front.people.check_password(&signs.user, password) {
         LoginResult::Right(account)
@@ -296,11 +296,11 @@ fn signed(web: &Web, signs: PersonSigningRequest, person: &Person, password: &st
     }
 }
 
-/// The name of the file with the public key, as in an export.
-const PUBLIC_KEY: &str = "public-key.pem";
+/// Name of the file with the public keys, as in an export.
+const PUBLIC_KEY_FILE_NAME: &str = "public-key.pem";
 
-/// Returns the file name of a signed record, without its extension, as in an export.
-fn stem(row: &SignatureRow) -> String {
+/// Returns the file name of a signed record without its extension, as in an export.
+fn record_file_stem(row: &SignatureRow) -> String {
     match row.is_of_person {
         true => person_signature_stem(row.cycle, row.number),
         false => cycle_stem(row.cycle),
@@ -310,7 +310,7 @@ fn stem(row: &SignatureRow) -> String {
 /// Shows the links to the signed files of a cycle.
 fn show_links(words: Language<'_>, id: CycleId, rows: &[SignatureRow]) -> Markup {
     let signed = rows.iter().map(stem).flat_map(|stem| [format!("{stem}.json"), format!("{stem}.sig")]);
-    let names: Vec<String> = signed.chain([PUBLIC_KEY.to_owned()]).collect();
+    let names: Vec<String> = signed.chain([PUBLIC_KEY_FILE_NAME.to_owned()]).collect();
     html! {
         @if !rows.is_empty() {
             details {
@@ -322,7 +322,7 @@ fn show_links(words: Language<'_>, id: CycleId, rows: &[SignatureRow]) -> Markup
     }
 }
 
-/// Returns the public keys of these signatures as one file.
+/// Returns the public keys of these signatures as one file; `None` if there is no signature.
 fn public_keys(rows: &[SignatureRow]) -> Option<Vec<u8>> {
     let mut keys: Vec<&str> = rows.iter().map(|row| row.public_key.as_str()).collect();
     keys.dedup();
@@ -331,18 +331,18 @@ fn public_keys(rows: &[SignatureRow]) -> Option<Vec<u8>> {
     pems.filter(|pems| !pems.is_empty()).map(|pems| pems.concat().into_bytes())
 }
 
-/// Returns the bytes of the file with this name among the signed files of a cycle; `None` if there is no such file. A
+/// Returns the content of the file with this name among the signed files of a cycle; `None` if no file has this name. A
 /// signed record that is missing or damaged in the store is an error.
-fn bytes_of<E>(
+fn signed_file_content<E>(
     rows: &[SignatureRow],
     name: &str,
     read: impl Fn(&str) -> Result<Vec<u8>, E>,
 ) -> Result<Option<Vec<u8>>, E> {
-    if name == PUBLIC_KEY {
+    if name == PUBLIC_KEY_FILE_NAME {
         return Ok(public_keys(rows));
     }
     let named = name.rsplit_once('.');
-    let row_of = |stem_of_name: &str| rows.iter().find(|row| stem(row) == stem_of_name);
+    let row_of = |stem_of_name: &str| rows.iter().find(|row| record_file_stem(row) == stem_of_name);
     match named.and_then(|(stem, ending)| Some((row_of(stem)?, ending))) {
         Some((row, "json")) => read(&row.record_hash).map(Some),
         Some((row, "sig")) => Ok(Some(row.signature.clone())),
@@ -356,13 +356,13 @@ pub(super) async fn signed_file(
     Extension(visitor): VisitorExtension,
     Path((number, name)): Path<(String, String)>,
 ) -> Answer {
-    let id = id(&number).await?;
+    let id = parse_cycle_id(&number).await?;
     let asked = name.clone();
     let read = move |store: &Store| {
         let rows = store.cycle_signatures(id)?;
-        bytes_of(&rows, &asked, |hash| store.blob(hash))
+        signed_file_content(&rows, &asked, |hash| store.blob(hash))
     };
-    let Some(bytes) = reading(&web, &visitor, read).await? else { return Err(not_found_page().await) };
+    let Some(bytes) = read_store(&web, &visitor, read).await? else { return Err(not_found_page().await) };
     let headers = [
         (header::CONTENT_TYPE, "application/octet-stream".to_owned()),
         (header::CONTENT_DISPOSITION, format!("attachment; filename=\"{name}\"")),
@@ -375,7 +375,7 @@ mod tests {
     use super::*;
     use panelprep_store::signing::CellKey;
 
-    /// The files that the page offers can be verified with these files alone.
+    /// The files that the page offers can be verified without any further file.
     #[test]
     fn the_offered_files_verify_each_other() {
         let key = CellKey::from_random_bytes(&[7; 32]);
@@ -392,7 +392,7 @@ mod tests {
         };
         let rows = [row(5, false), row(9, true)];
         let read = |hash: &str| if hash.starts_with("hash ") { Ok(record.clone()) } else { Err("damaged") };
-        let bytes = |name: &str| bytes_of(&rows, name, read).expect("readable");
+        let bytes = |name: &str| signed_file_content(&rows, name, read).expect("readable");
         let pem = String::from_utf8(bytes("public-key.pem").expect("a key")).expect("text");
         let keys = PublicKey::parse_all(&pem).expect("keys");
         assert_eq!(keys, [key.public_key()], "once");
@@ -404,8 +404,8 @@ mod tests {
         for name in ["cycle-4.json", "cycle-3.pdf", "cycle-3", "cycle-3-signature-5.json", "../cycle-3.json"] {
             assert_eq!(bytes(name), None, "{name}");
         }
-        assert_eq!(bytes_of(&[], "public-key.pem", read), Ok(None));
-        // A damaged record is not the same as one that was never signed.
-        assert_eq!(bytes_of(&rows, "cycle-3.json", |_| Err("damaged")), Err("damaged"));
+        assert_eq!(signed_file_content(&[], "public-key.pem", read), Ok(None));
+        // A damaged record is reported differently from a record that was never signed.
+        assert_eq!(signed_file_content(&rows, "cycle-3.json", |_| Err("damaged")), Err("damaged"));
     }
 }

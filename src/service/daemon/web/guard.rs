@@ -1,5 +1,5 @@
-//! The checks before each route: who makes the request, whether it comes from our own page, and whether the role
-//! permits it. [`Route`] is a route with its method and the access that it needs.
+//! The checks before each route: who sends the request, whether it comes from the operator's page itself, and whether
+//! the role permits it. [`Route`] is a route with its method and the required access.
 
 use super::layout;
 use super::sessions::{Person, Session, Visitor, role_key};
@@ -16,17 +16,17 @@ use serde_json::json;
 use std::net::SocketAddr;
 use std::sync::Arc;
 
-/// The header that each change by a person must contain.
+/// Name of the header with the session's token, which each change by a person must contain.
 const CSRF_HEADER: &str = "x-csrf-token";
-/// The content security policy: nothing is loaded from other sites, no inline script is executed, and the page cannot
-/// be framed by other sites.
+/// The content security policy: the browser loads nothing from other sites, executes no inline script, and does not
+/// show the page in a frame of another site.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; frame-src 'self'; \
                       form-action 'self'; base-uri 'none'; frame-ancestors 'none'";
 
-/// Who may use a route.
+/// The visitors who may use a route.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Access {
-    /// All persons may use the route, logged in or not.
+    /// All visitors, logged in or not.
     Open,
     /// Visitors with a role that has this permission.
     Needs(Permission),
@@ -39,7 +39,7 @@ pub(super) enum Method {
     Post,
 }
 
-/// A route of the page.
+/// A route of the operator's page.
 pub(super) struct Route {
     pub path: &'static str,
     pub method: Method,
@@ -59,18 +59,18 @@ pub(in crate::daemon) fn cookie<'h>(headers: &'h HeaderMap, name: &str) -> Optio
     each.find(|(found, _)| *found == name).map(|(_, value)| value)
 }
 
-/// The text of a refusal, beside its JSON: the page in place of the requested one shows it.
+/// The text of a refusal, which is returned beside its JSON: the error page shows it.
 #[derive(Debug, Clone)]
 struct RefusalText(String);
 
-/// Returns the answer to a refused request.
+/// Returns the response to a refused request.
 pub(super) fn refusal(status: StatusCode, code: &str, message: &str) -> Response {
     let mut response = (status, Json(json!({ "code": code, "message": message }))).into_response();
     response.extensions_mut().insert(RefusalText(message.to_owned()));
     response
 }
 
-/// Identifies the visitor, and lets permitted requests pass.
+/// Identifies the visitor, and passes permitted requests to their handlers.
 pub(super) async fn identify_visitor(
     State((web, route)): State<(Arc<Web>, &'static Route)>,
     ConnectInfo(from): ConnectInfo<SocketAddr>,
@@ -80,7 +80,7 @@ pub(super) async fn identify_visitor(
     let headers = request.headers();
     let (is_change, access) = (route.method == Method::Post, route.access);
     let mut visitor = find_visitor(&web, headers, from, is_change || !is_automatic_request(request.uri().path()));
-    // A request that is open to all persons, such as a stop, waits for no disk.
+    // A request that all visitors may send, such as a stop, does not wait for a disk.
     if let (Access::Needs(_), Some(person)) = (access, &visitor.person)
         && !web.stamps.is_session_valid(&web.front.people, person).await
     {
@@ -100,8 +100,7 @@ pub(super) async fn identify_visitor(
     next.run(request).await
 }
 
-/// Returns whether a page makes this request automatically, without a person: such a request does not extend a
-/// session.
+/// Returns whether a page sends this request automatically, without a person; such a request does not extend a session.
 fn is_automatic_request(path: &str) -> bool {
     ["/events", "/frame.jpg", "/now.json", "/review"].contains(&path) || path.starts_with("/assets/")
 }
@@ -124,9 +123,9 @@ fn find_visitor(web: &Web, headers: &HeaderMap, from: SocketAddr, is_action: boo
     }
 }
 
-/// Returns the refusal of a change that does not come from our own page. A browser states the site from which the
-/// request comes, or names the page's own host as the origin; and for a logged-in person the page has the session's
-/// token.
+/// Returns the refusal of a change that was not sent by the operator's page. The browser states the site from which the
+/// request comes, or the host of the page as origin. For a logged-in person, the page also sends the token of the
+/// session.
 fn cross_site_refusal(headers: &HeaderMap, visitor: &Visitor, access: Access) -> Option<Response> {
     let text = |name: &str| headers.get(name).and_then(|value| value.to_str().ok());
     let host = text("host").unwrap_or("");
@@ -145,8 +144,8 @@ fn cross_site_refusal(headers: &HeaderMap, visitor: &Visitor, access: Access) ->
             "a change must be sent as JSON (content type application/json)",
         ));
     }
-    // A request that needs no session needs no session token either: a stop from a page with an ended session is
-    // still executed.
+    // A request that requires no session requires no token either: a stop from a page with an ended session is still
+    // executed.
     match &visitor.person {
         Some(person) if access != Access::Open && text(CSRF_HEADER) != Some(&person.csrf) => {
             Some(refusal(StatusCode::FORBIDDEN, "token", visitor.language().text("refused.token")))
@@ -177,15 +176,15 @@ async fn refused(web: &Arc<Web>, visitor: Visitor, path: String, is_change: bool
     refusal(StatusCode::FORBIDDEN, "role", &told)
 }
 
-/// Returns the answer if nothing is at an address. It has no text of its own: the person reads the general text in the
-/// chosen language.
+/// Returns the response for an address without a page. It has no text of its own: the person reads the general text in
+/// the chosen language.
 pub(super) async fn not_found_page() -> Response {
     let body = json!({ "code": "not_found", "message": "there is no page at this address" });
     (StatusCode::NOT_FOUND, Json(body)).into_response()
 }
 
-/// Returns the page that a person sees in place of an answer without a page: with the text of the refusal, or with
-/// the general text of its status. `None` if the answer is a page, or no error.
+/// Returns the page that a person sees instead of a response without a page: with the text of the refusal, or with the
+/// general text of the status. `None` if the response is already a page, or not an error.
 fn error_as_page(viewer: &Visitor, response: &Response) -> Option<Response> {
     let status = response.status();
     let kind = response.headers().get(header::CONTENT_TYPE).and_then(|kind| kind.to_str().ok());
@@ -203,8 +202,8 @@ fn error_as_page(viewer: &Visitor, response: &Response) -> Option<Response> {
     Some(layout::without_page(viewer, status, own.unwrap_or_else(|| viewer.language().text(general))))
 }
 
-/// Returns whether a person opens a page with this request. The person then needs Stop and the navigation, also beside
-/// an error.
+/// Returns whether a person opens a page with this request. An error is then shown on a page with Stop and the
+/// navigation.
 fn opens_page(request: &Request) -> bool {
     let accepted = request.headers().get(header::ACCEPT).and_then(|value| value.to_str().ok());
     request.method() == axum::http::Method::GET && accepted.is_some_and(|accepted| accepted.contains("text/html"))

@@ -1,7 +1,7 @@
-//! The history: a search for cycles, and its results as a table; and two cycles side by side.
+//! The history: a search for cycles with a table of the results, and the comparison of two cycles.
 
 use super::answers;
-use super::answers::{Answer, DownloadFormat, reading};
+use super::answers::{Answer, DownloadFormat, read_store};
 use super::guard::VisitorExtension;
 use super::layout::{Frame, local_time};
 use super::page_texts::Language;
@@ -26,8 +26,8 @@ use std::sync::Arc;
 
 /// Number of cycles on one page.
 const PAGE_CYCLES: usize = 50;
-/// Largest number of cycles in one file.
-const MAX_FILE_CYCLES: usize = panelprep_store::history::MAX_HITS_PER_PAGE;
+/// Maximum number of cycles in one file.
+const MAX_FILE_CYCLES: usize = panelprep_store::history::MAX_HITS;
 const VERDICTS: [Verdict; 7] = [
     Verdict::Pass,
     Verdict::Fail,
@@ -37,10 +37,10 @@ const VERDICTS: [Verdict; 7] = [
     Verdict::Accept,
     Verdict::Aborted,
 ];
-/// The entry in the form's list of verdicts for a cycle that has not ended.
+/// The entry in the list of verdicts for a cycle that has not ended.
 const RUNNING: &str = "running";
 
-/// The fields of the form, as they were filled in; an empty field is ignored.
+/// The fields of the search form; an empty field is ignored.
 #[derive(Debug, Clone, Default, Deserialize)]
 #[serde(default)]
 pub(super) struct SearchForm {
@@ -120,7 +120,7 @@ async fn search_cycles(
             (StatusCode::BAD_REQUEST, message).into_response()
         },
     )?;
-    let hits = reading(&web, &visitor, move |store| store.search(&query)).await?;
+    let hits = read_store(&web, &visitor, move |store| store.search(&query)).await?;
     Ok(match as_what {
         DownloadFormat::Page => history_page(&visitor, &body(visitor.language(), &form, &hits, None)),
         DownloadFormat::Csv => answers::csv(&visitor, "cycles", &hits_table(&hits.hits)),
@@ -190,7 +190,7 @@ fn fields(words: Language<'_>, form: &SearchForm) -> Markup {
     }
 }
 
-/// Returns the word of a verdict in the reader's language.
+/// Returns the word for a verdict in the visitor's language.
 pub(super) fn verdict_text(words: Language<'_>, verdict: &str) -> String {
     match verdict {
         RUNNING => words.text("js.state.execute").to_owned(),
@@ -202,7 +202,7 @@ pub(super) fn verdict_text(words: Language<'_>, verdict: &str) -> String {
     }
 }
 
-/// Shows the cycles that were found; two of them can be compared.
+/// Shows the found cycles; two of them can be selected for a comparison.
 fn table(words: Language<'_>, hits: &[Hit]) -> Markup {
     let word = |key| words.text(key);
     html! {
@@ -228,7 +228,7 @@ fn table(words: Language<'_>, hits: &[Hit]) -> Markup {
                                 @else { (verdict_text(words, hit.verdict.map_or(RUNNING, Verdict::keyword))) }
                                 @if hit.is_air_run { " (" (word("history.air_run")) ")" }
                             }
-                            td { @for (reason, count) in codes(&hit.reasons) { span title=(reason.message) { (reason.code) } @if count > 1 { " ×" (count) } " " } }
+                            td { @for (reason, count) in first_reasons_by_code(&hit.reasons) { span title=(reason.message) { (reason.code) } @if count > 1 { " ×" (count) } " " } }
                         }
                     } }
                 }
@@ -238,8 +238,8 @@ fn table(words: Language<'_>, hits: &[Hit]) -> Markup {
     }
 }
 
-/// Returns the first reason of each code, in their order, and how often the code occurs.
-fn codes(reasons: &[Reason]) -> Vec<(&Reason, usize)> {
+/// Returns the first reason with each code, in their order, and the number of reasons with this code.
+fn first_reasons_by_code(reasons: &[Reason]) -> Vec<(&Reason, usize)> {
     let mut counted: Vec<(&Reason, usize)> = Vec::new();
     for reason in reasons {
         match counted.iter_mut().find(|(first, _)| first.code == reason.code) {
@@ -288,7 +288,7 @@ async fn compare_cycles(
 ) -> Answer {
     let read =
         move |store: &Store| Ok(compare(&store.past_cycle(CycleId(first))?, &store.past_cycle(CycleId(second))?));
-    let comparison = reading(&web, &visitor, read).await?;
+    let comparison = read_store(&web, &visitor, read).await?;
     Ok(match as_what {
         DownloadFormat::Page => comparison_page(&visitor, &comparison_body(visitor.language(), &comparison)),
         DownloadFormat::Csv => {
@@ -364,7 +364,7 @@ fn head(words: Language<'_>, comparison: &Comparison) -> Markup {
     } }
 }
 
-/// Shortens a hash to its beginning, by which it can be recognised.
+/// Returns the beginning of a hash, by which it can be recognised.
 fn short_hash(text: &str) -> String {
     if text.chars().count() > 20 { text.chars().take(16).chain(['…']).collect() } else { text.to_owned() }
 }

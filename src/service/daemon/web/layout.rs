@@ -1,6 +1,6 @@
-//! The frame of every page: head, navigation, the bar with stop and abort, and what the scripts need; and the page's
-//! own files: styles and scripts, which are part of the program. Their address contains the hash of all of them, so
-//! that a browser caches them until the program changes.
+//! The frame of every page (head, navigation, the bar with stop and abort, and the data for the scripts), and the
+//! page's own files (styles and scripts), which are part of the program. The address of each file contains a hash of
+//! all files, so that a browser caches them until the program changes.
 
 use super::sessions::{Visitor, role_key};
 use axum::extract::Path;
@@ -14,16 +14,16 @@ use panelprep_interfaces::page::drawing::canvas;
 use sha2::{Digest, Sha256};
 use std::sync::LazyLock;
 
-/// Scripts in addition to the script that every page has.
+/// A script that a page uses in addition to the script of every page.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Script {
-    /// For forms that are sent as JSON.
+    /// Sends forms as JSON.
     Forms,
-    /// For the page of the running cell.
+    /// Updates the page of the running cell.
     Run,
-    /// For the newest cycle in three dimensions.
+    /// Shows the newest cycle in three dimensions.
     Scene,
-    /// For the sheet to draw on a picture, with the sheet's styles.
+    /// Draws on a picture; the styles of the drawing sheet are loaded too.
     Draw,
 }
 
@@ -38,16 +38,16 @@ impl Script {
     }
 }
 
-/// The values that the frame of a page needs.
+/// The data for the frame of a page.
 pub(super) struct Frame<'p> {
     pub visitor: &'p Visitor,
     pub title: &'p str,
-    /// The page's own path.
+    /// The path of the page.
     pub here: &'p str,
     pub scripts: &'p [Script],
 }
 
-/// The pages of the navigation: path, word, and what a role needs for it.
+/// The pages of the navigation: path, key of the word, and the permission that they require.
 const PAGES: [(&str, &str, Option<Permission>); 7] = [
     ("/", "nav.run", None),
     ("/history", "nav.history", Some(Permission::View)),
@@ -59,7 +59,7 @@ const PAGES: [(&str, &str, Option<Permission>); 7] = [
 ];
 
 impl Frame<'_> {
-    /// Returns the whole page around this body.
+    /// Returns the complete page with this body.
     pub fn page(&self, body: &Markup) -> Response {
         let words = self.visitor.language();
         let word = |key| words.text(key);
@@ -134,12 +134,12 @@ impl Frame<'_> {
     }
 }
 
-/// Shows a time, which the browser displays as its own local time with the offset.
+/// Shows a time, which the browser displays as local time with the offset.
 pub(super) fn local_time(unix_ms: i64) -> Markup {
     html! { time data-ms=(unix_ms) { (utc_text(unix_ms.div_euclid(1_000))) } }
 }
 
-/// Returns a page that reports why the requested page could not be made.
+/// Returns a page that reports why the requested page could not be built.
 pub(super) fn error_page(visitor: &Visitor, error: &dyn std::fmt::Display) -> Response {
     tracing::warn!("the page could not be built: {error}");
     let words = visitor.language();
@@ -149,7 +149,7 @@ pub(super) fn error_page(visitor: &Visitor, error: &dyn std::fmt::Display) -> Re
     (StatusCode::INTERNAL_SERVER_ERROR, page).into_response()
 }
 
-/// Returns the page in place of one that does not exist, or that the visitor's role may not see, with this text.
+/// Returns a page with this text, if the requested page does not exist or the visitor's role may not see it.
 pub(super) fn without_page(visitor: &Visitor, status: StatusCode, message: &str) -> Response {
     let body = html! { section.card { h2 { (message) } } };
     (status, Frame { visitor, title: message, here: "", scripts: &[] }.page(&body)).into_response()
@@ -183,12 +183,12 @@ fn asset_address(name: &str) -> String {
     format!("/assets/{}-{name}", *VERSION)
 }
 
-/// Serves a file under its address.
+/// Serves the file with this name.
 pub(super) async fn serve_asset(Path(name): Path<String>) -> Response {
     let own = name.strip_prefix(VERSION.as_str()).and_then(|rest| rest.strip_prefix('-'));
     match own.and_then(|own| FILES.iter().find(|(name, ..)| *name == own)) {
         Some((_, kind, text)) => {
-            // A script refers to another script by its address.
+            // A script imports other scripts by their addresses.
             let text = ["PAGE_JS", "SHEET_JS", "MATRIX_JS"].iter().fold(text.to_string(), |text, name| {
                 text.replace(name, &format!("{}-{}", *VERSION, name.to_lowercase().replace('_', ".")))
             });

@@ -1,5 +1,5 @@
-//! What people see live: the state of the cell, as a page shows it, and the newest picture, which is drawn, reduced
-//! and encoded once for all of them.
+//! Live data for people: the state of the cell as a page shows it, and the newest picture, which is drawn, reduced and
+//! encoded once for all viewers.
 
 use crate::daemon::clock::now_unix_ms;
 use crate::daemon::live_view::{LiveFrame, LiveScene, LiveView};
@@ -10,16 +10,16 @@ use panelprep_cell::files;
 use serde::Serialize;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// The state of the cell.
+/// The state of the cell as a page shows it.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub(super) struct LiveState {
-    /// Time at which the loop last answered, by the service's clock, ms since 1970.
+    /// Time at which the loop last answered, on the service's clock, ms since 1970.
     pub answered_ms: u64,
     /// Whether the loop answers now.
     pub answers: bool,
     pub state: Option<String>,
     pub phase: Option<String>,
-    /// The step of the cycle's state table that is shown; a person's decision names this step.
+    /// The number of the shown step of the state table; a person's decision contains this number.
     pub step: Option<u64>,
     pub panel: Option<String>,
     pub pass: Option<u8>,
@@ -34,14 +34,14 @@ pub(super) struct LiveState {
     pub possible: Vec<&'static str>,
     pub is_review: bool,
     pub grids: Vec<String>,
-    /// The number of the newest picture; the picture's name follows.
+    /// The number of the newest picture; the next field is its name.
     pub frame: u64,
     pub frame_name: Option<String>,
 }
 
 impl LiveState {
-    /// Returns the state that this reply reports, with the newest picture's number and name. A cell that was reset
-    /// has no cycle until the next one begins: what the last cycle left behind belongs to another part.
+    /// Returns the state from this reply, with number and name of the newest picture. A cell that was reset shows no
+    /// cycle until the next one begins, because the data of the last cycle belong to another part.
     pub fn from_reply(reply: Reply, (frame, frame_name): (u64, Option<String>)) -> Self {
         let is_reset = matches!(reply.state.as_deref(), Some("resetting" | "idle"));
         let (reply, (frame, frame_name)) = match is_reset {
@@ -71,13 +71,13 @@ impl LiveState {
         }
     }
 
-    /// Returns the state as a visitor without a session sees it: without the names of people.
+    /// Returns the state for a visitor without a session: without the names of people.
     pub fn without_names(&self) -> Self {
         let reasons = self.reasons.iter().filter(|reason| reason.code != "held_by").cloned().collect();
         LiveState { reasons, ..self.clone() }
     }
 
-    /// Returns whether nothing changed except the time.
+    /// Returns whether nothing has changed except the time.
     pub fn is_unchanged(&self, other: &LiveState) -> bool {
         LiveState { answered_ms: 0, ..self.clone() } == LiveState { answered_ms: 0, ..other.clone() }
     }
@@ -88,10 +88,10 @@ fn without_cycle(reply: Reply) -> Reply {
     Reply { panel: None, pass: None, cycle_id: None, verdict: None, extras, ..reply }
 }
 
-/// The largest width of a picture that is sent, px.
+/// Maximum width of a picture that is sent, px.
 const MAX_WIDTH_PX: usize = 960;
 
-/// The newest picture as a JPEG.
+/// Encodes the newest picture as a JPEG.
 pub(super) struct FrameEncoder {
     view: LiveView,
     last: Mutex<Option<(u64, Arc<Vec<u8>>)>>,
@@ -102,12 +102,12 @@ impl FrameEncoder {
         FrameEncoder { view, last: Mutex::new(None) }
     }
 
-    /// Returns the newest cycle in three dimensions.
+    /// Returns the scene of the newest cycle.
     pub fn scene(&self) -> LiveScene {
         self.view.scene().clone()
     }
 
-    /// Returns the number of the newest picture and its name; 0 if there is none.
+    /// Returns the number and the name of the newest picture; 0 if there is none.
     pub fn newest_frame(&self) -> (u64, Option<String>) {
         match self.view.newest_picture() {
             (number, Some(frame)) => (number, Some(frame.name.clone())),
@@ -115,8 +115,7 @@ impl FrameEncoder {
         }
     }
 
-    /// Returns the newest picture; `None` if there is none. Encoding takes a few hundredths of a second, once for each
-    /// picture.
+    /// Returns the newest picture as a JPEG; `None` if there is none. Encoding takes some 10 ms, once for each picture.
     pub fn newest_jpeg(&self) -> Option<Arc<Vec<u8>>> {
         let mut last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
         let (number, frame) = self.view.newest_picture();
@@ -153,7 +152,7 @@ mod tests {
     use crate::daemon::request::RequestResult;
     use panelprep_cell::panel::GridId;
 
-    /// After a reset, nothing of the last part is shown as the present one.
+    /// After a reset, no data of the last part are shown as present data.
     #[test]
     fn a_cell_that_was_reset_shows_nothing_of_the_last_part() {
         let grid: GridId = "r1c1".parse().expect("a grid");

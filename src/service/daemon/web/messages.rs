@@ -1,5 +1,5 @@
-//! The program's messages in a person's language: what a code means and what to do, beside the English sentence
-//! with its values.
+//! The program's messages in a person's language: what a code means and what to do, beside the English sentence with
+//! its values.
 
 use super::answers::Answer;
 use super::guard::{VisitorExtension, not_found_page};
@@ -11,7 +11,7 @@ use maud::{Markup, html};
 use panelprep_base::verdict::Reason;
 use serde_json::json;
 
-/// Returns the short line of a code, what the code means and what to do, in the visitor's language.
+/// Returns the short line of a code, its meaning and the remedy, in the visitor's language.
 pub(super) async fn json(Extension(visitor): VisitorExtension, Path(code): Path<String>) -> Answer {
     let words = visitor.language();
     match words.message(&code) {
@@ -23,7 +23,7 @@ pub(super) async fn json(Extension(visitor): VisitorExtension, Path(code): Path<
     }
 }
 
-/// Returns the reasons as one text, each first explained in the person's language.
+/// Returns the reasons as one text, each preceded by its explanation in the person's language.
 pub(super) fn text(words: Language<'_>, reasons: &[Reason]) -> String {
     let one = |reason: &Reason| match words.message(&reason.code).filter(|_| !words.is_english()) {
         Some((cause, remedy)) => format!("{cause} {remedy} ({})", reason.message),
@@ -32,8 +32,8 @@ pub(super) fn text(words: Language<'_>, reasons: &[Reason]) -> String {
     reasons.iter().map(one).collect::<Vec<_>>().join("; ")
 }
 
-/// Shows reasons by their codes: the meaning of each code and the remedy are shown once, next to all of its
-/// sentences.
+/// Shows reasons grouped by their codes: the meaning of each code and the remedy are shown once, next to all messages
+/// with this code.
 pub(super) fn show_by_code(words: Language<'_>, reasons: &[Reason]) -> Markup {
     let mut codes: Vec<(&str, Vec<&str>)> = Vec::new();
     for reason in reasons {
@@ -45,8 +45,8 @@ pub(super) fn show_by_code(words: Language<'_>, reasons: &[Reason]) -> Markup {
     html! { ul { @for (code, messages) in &codes { li { (explain_code(words, code, messages)) } } } }
 }
 
-/// Shows the short line of a reason's code, its messages, its cause and the remedy: in English the messages come before
-/// the cause, in other languages the cause and the remedy come first.
+/// Shows the short line of a code, its messages, its cause and the remedy. In English the messages come before the
+/// cause; in other languages the cause and the remedy come first.
 pub(super) fn explain_code(words: Language<'_>, code: &str, messages: &[&str]) -> Markup {
     let remedy = |remedy| html! { p { strong { (words.text("alarms.remedy")) ": " } (markup_with_code(remedy)) } };
     let sentences = html! { @for message in messages { p lang="en" { (markup_with_code(message)) " " small { "(" (code) ")" } } } };
@@ -62,7 +62,7 @@ pub(super) fn explain_code(words: Language<'_>, code: &str, messages: &[&str]) -
     }
 }
 
-/// Shows a text in which the parts between backticks are set as code.
+/// Shows a text in which the parts between backticks are formatted as code.
 fn markup_with_code(text: &str) -> Markup {
     html! {
         @for (at, part) in text.split('`').enumerate() {

@@ -1,5 +1,5 @@
-//! The operator's page: a second interface on the service's requests and states, in a browser. It makes no decisions
-//! for the cell.
+//! The operator's page: an interface to the service's requests and states in a browser. It makes no decisions for the
+//! cell.
 //!
 //! ```text
 //! browser ─ TLS ─ server ─ guard (session, origin, role) ─ routes (the one table) ─ views
@@ -7,9 +7,9 @@
 //! the loop ─ state, five times a second ─ live ─ events ───┘
 //! ```
 //!
-//! It runs on a thread and a runtime of its own, and reads the store through its own connection. The loop, the robot's
-//! link and the cameras never wait for a browser. Stop and abort need no log-in, are recorded like every request, and
-//! are not an emergency stop. Nothing is loaded from other sites.
+//! The page has its own thread and runtime, and reads the store through its own connection. The loop, the connection to
+//! the robot and the cameras never wait for a browser. Stop and abort need no log-in, are recorded like every request,
+//! and are not an emergency stop. Nothing is loaded from other sites.
 //!
 //! `page_texts` (languages) · `sessions` · `state` (the data that handlers share) · `layout` (the frame of each page,
 //! styles and scripts) · `answers` · and a file for each page.
@@ -41,7 +41,7 @@ mod tests;
 
 pub use server::{OperatorPage, PageError, PageParts};
 
-// The parts that the office's page over all cells uses as well.
+// The parts that the web page of the office server uses as well.
 #[cfg(feature = "plant")]
 pub(super) use {
     answers::csv_file,
@@ -49,5 +49,5 @@ pub(super) use {
     layout::STYLE_SHEET,
     server::{PageFileError, certificate, listen_and_serve},
     sessions::{SessionHolder, Sessions},
-    versions::difference,
+    versions::show_difference,
 };

@@ -1,43 +1,43 @@
-//! The page's texts: one translation table with a column for each language. A further language is a further column and
-//! needs no code.
+//! The texts of the page: one translation table with a column for each language. A further language is a further column
+//! and needs no code.
 //!
 //! Messages of the program are English sentences with their values, each with a code. The table also contains the
-//! meaning of each code and the remedy (`message.CODE.cause`, `message.CODE.remedy`), from the manual's pages of
-//! messages. `short.CODE` is the one line that a person at the cell reads first. A further table may leave these keys
-//! out; the English texts are then used.
+//! meaning of each code and the remedy (`message.CODE.cause`, `message.CODE.remedy`), from the message pages of the
+//! manual. `short.CODE` is the one line that a person at the cell reads first. An additional table may omit these keys;
+//! the English texts are then used.
 
 use panelprep_store::history::{codes, row};
 use std::collections::BTreeMap;
 
-/// The table that is part of the program: English and German.
+/// The translation table that is part of the program: English and German.
 const TABLE: &str = include_str!("words.csv");
-/// The tables that other parts of the program add for their pages.
+/// The translation tables that other parts of the program add for their pages.
 const ADDITIONAL_TABLES: [&str; 2] =
     [panelprep_interfaces::page::drawing::canvas::TRANSLATION_TABLE, include_str!("short.csv")];
 
-/// The text with which the keys of messages begin.
+/// Prefix of the keys of messages.
 const MESSAGE_PREFIX: &str = "message.";
-/// The text with which the keys of the short lines of codes begin.
+/// Prefix of the keys of the short lines of codes.
 const SHORT_PREFIX: &str = "short.";
 
-/// The reason why a translation table cannot be used.
+/// Error: a translation table cannot be used.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("line {line}: {problem}")]
 pub struct WordsError {
-    /// The line, counted from 1.
+    /// The number of the line in the table, counted from 1.
     pub line: u64,
     /// The problem.
     pub problem: String,
 }
 
-/// All words in all languages.
+/// The texts in all languages.
 #[derive(Debug, Clone)]
 pub struct Translations {
     languages: Vec<String>,
     table: BTreeMap<String, Vec<String>>,
 }
 
-/// The words of one language.
+/// The texts of one language.
 #[derive(Debug, Clone, Copy)]
 pub struct Language<'w> {
     words: &'w Translations,
@@ -45,10 +45,10 @@ pub struct Language<'w> {
 }
 
 impl Translations {
-    /// Reads the program's own translation table, with the columns of a further one, if there is one.
+    /// Reads the program's own translation table, with the columns of an additional table, if there is one.
     ///
     /// # Errors
-    /// If a table is not a valid CSV file, or lacks a key that the program's own table has.
+    /// If a table is not a valid CSV file, or does not contain a key of the program's own table.
     pub fn read(more: Option<&str>) -> Result<Self, WordsError> {
         let mut words = Self::parse_table(TABLE)?;
         for more in ADDITIONAL_TABLES {
@@ -66,7 +66,7 @@ impl Translations {
                 let has_default = [MESSAGE_PREFIX, SHORT_PREFIX].iter().any(|beginning| key.starts_with(beginning));
                 let own = has_default.then(|| row[column.unwrap_or(0)].clone());
                 let Some(word) = more.table.get(key).map(|row| row[at].clone()).or(own) else {
-                    return Err(WordsError { line: 1, problem: format!("the key {key} is missing") });
+                    return Err(WordsError { line: 1, problem: format!("the key {key} is missing; add it") });
                 };
                 match column {
                     Some(column) => row[column] = word,
@@ -90,22 +90,24 @@ impl Translations {
             let key = fields.next().unwrap_or_default();
             let row: Vec<String> = fields.collect();
             if row.iter().any(|word| word.trim().is_empty()) {
-                return Err(WordsError { line, problem: format!("the key {key} has no text in one language") });
+                return Err(WordsError { line, problem: format!("the key {key} has no text in one of the languages; \
+                    add it") });
             }
             if table.insert(key.clone(), row).is_some() {
-                return Err(WordsError { line, problem: format!("the key {key} appears twice") });
+                return Err(WordsError { line, problem: format!("the key {key} appears twice; delete one of the \
+                    lines") });
             }
         }
         Ok(Translations { languages, table })
     }
 
-    /// Returns the languages, the default one first.
+    /// Returns the languages; the default language is the first.
     pub fn languages(&self) -> &[String] {
         &self.languages
     }
 
-    /// Returns the chosen language, or the first of those that a browser prefers (`Accept-Language`), or the
-    /// default one.
+    /// Returns the chosen language, or the first available one among those that a browser prefers (`Accept-Language`),
+    /// or the default language.
     pub fn language(&self, chosen: Option<&str>, accepted: Option<&str>) -> Language<'_> {
         let place = |name: &str| self.languages.iter().position(|language| language == name);
         let preferred = || {
@@ -119,8 +121,8 @@ impl Translations {
     }
 }
 
-/// Returns the meaning of every code and the remedy, in each language that has a page of messages, otherwise in
-/// English.
+/// Returns the meaning of every code and the remedy, in each language that has a message page in the manual, otherwise
+/// in English.
 fn messages(languages: &[String]) -> BTreeMap<String, Vec<String>> {
     let mut table = BTreeMap::new();
     for code in codes() {
@@ -134,7 +136,7 @@ fn messages(languages: &[String]) -> BTreeMap<String, Vec<String>> {
 }
 
 impl<'w> Language<'w> {
-    /// Returns the meaning of this code, and its remedy; `None` if it is not in the manual.
+    /// Returns the meaning of this code, and its remedy; `None` if the code is not in the manual.
     pub fn message(&self, code: &str) -> Option<(&'w str, &'w str)> {
         let word = |what: &str| {
             let row = self.words.table.get(&format!("{MESSAGE_PREFIX}{code}.{what}"))?;
@@ -148,22 +150,22 @@ impl<'w> Language<'w> {
         self.words.table.get(&format!("{SHORT_PREFIX}{code}"))?.get(self.column).map(String::as_str)
     }
 
-    /// Returns whether the language is English, like the program's sentences.
+    /// Returns whether the language is English, as the program's sentences are.
     pub fn is_english(&self) -> bool {
         self.name() == "en"
     }
 
-    /// Returns the text for this key; the key itself if there is no text, so that a test finds the gap.
+    /// Returns the text for this key; if there is no text, the key itself, so that a test detects this.
     pub fn text(&self, key: &'w str) -> &'w str {
         self.words.table.get(key).and_then(|row| row.get(self.column)).map_or(key, String::as_str)
     }
 
-    /// Returns the language's name, such as `en`.
+    /// Returns the name of the language, such as `en`.
     pub fn name(&self) -> &'w str {
         self.words.languages.get(self.column).map_or("en", String::as_str)
     }
 
-    /// Returns every key with this beginning and its word: the words that a script needs.
+    /// Returns every key with this prefix and its text, for a script.
     pub fn texts_with_prefix(&self, beginning: &str) -> BTreeMap<&'w str, &'w str> {
         let words = self.words.table.iter().filter(|(key, _)| key.starts_with(beginning));
         words.filter_map(|(key, row)| Some((key.as_str(), row.get(self.column)?.as_str()))).collect()
@@ -201,8 +203,7 @@ mod tests {
         assert!(short.problem.contains("is missing"), "{short}");
     }
 
-    /// A person at the cell reads one short line in the own language for every code that aborts a cycle, or may leave
-    /// something in motion.
+    /// Every code that aborts a cycle, or after which a device may still move, has a short line in each language.
     #[test]
     fn each_urgent_code_has_a_short_line_in_each_language() {
         let words = Translations::read(None).expect("the program's own");

@@ -1,4 +1,4 @@
-//! Requests to the cell from the page: each request goes through the gateway, like a request from the socket.
+//! Requests to the cell from the page: each request passes through the gateway, like a request from the socket.
 
 use super::guard::VisitorExtension;
 use super::messages;
@@ -16,7 +16,7 @@ use serde::Deserialize;
 use serde_json::json;
 use std::sync::Arc;
 
-/// Returns the outcome of a request, for the page.
+/// Returns the response of the page to a request, with its result.
 fn to_response(visitor: &Visitor, reply: &Reply) -> Response {
     let status = match reply.answer {
         RequestResult::Done => StatusCode::OK,
@@ -50,14 +50,14 @@ table_requests! {
     reset => cycle::Request::Reset,
 }
 
-/// A person's decision on the step that the page showed.
+/// A person's decision that refers to the step shown on the page.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Decision {
     step: u64,
 }
 
-/// Reports that the cause of an abort is gone.
+/// Confirms that the cause of an abort is removed.
 pub(super) async fn clear(
     State(web): State<Arc<Web>>,
     Extension(visitor): VisitorExtension,
@@ -75,7 +75,7 @@ pub(super) async fn accept(
     perform_request(&web, &visitor, RequestKind::Decided { request: cycle::Request::Accept, step }).await
 }
 
-/// Largest number of characters in a reason.
+/// Maximum length of a reason, characters.
 const MAX_REASON_CHARACTERS: usize = 200;
 
 #[derive(Debug, Deserialize)]
@@ -119,41 +119,41 @@ pub(super) async fn new_disc(State(web): State<Arc<Web>>, Extension(visitor): Vi
     perform_request(&web, &visitor, RequestKind::NewDisc).await
 }
 
-/// The cycle that is to begin. The operator is the person who is logged in.
+/// The requested start of a cycle. The operator is the person who is logged in.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Start {
     recipe: String,
-    /// SHA-256 of the recipe that the page offered.
+    /// SHA-256 of the recipe that was shown on the page.
     sha256: String,
     #[serde(default)]
     serial: String,
     #[serde(default)]
     order: String,
-    /// Whether the part in the cell is not the part of the earlier cycles.
+    /// Whether the part in the cell is not the part of earlier cycles.
     #[serde(default)]
     another_part: bool,
-    /// Whether the person states that the guard is closed and no person is inside the cell.
+    /// Whether the person confirms that the guard is closed and no person is inside the cell.
     #[serde(default)]
     is_clear: bool,
 }
 
-/// Refuses a start. The refusal is kept with the requests to the cell, as that of every other start.
+/// Refuses a start. The refusal is recorded with the requests to the cell, like the refusal of any other start.
 fn refuse_start(web: &Web, visitor: &Visitor, recipe: String, why: Reason) -> Response {
     let wanted = RequestedAction::Start { recipe };
     web.front.gateway.keep_refused(wanted, visitor.as_requester(), vec![why.clone()]);
     to_response(visitor, &Reply::refused(RequestResult::Refused, vec![why]))
 }
 
-/// Begins a cycle with one of the offered recipes.
+/// Begins a cycle with one of the recipes in the folder.
 pub(super) async fn start(
     State(web): State<Arc<Web>>,
     Extension(visitor): VisitorExtension,
     Json(Start { recipe, sha256, serial, order, another_part, is_clear }): Json<Start>,
 ) -> Response {
     if !is_clear {
-        let problem = "the start does not state that the guard is closed and no person is inside the cell; look at the \
-                       cell, then confirm both";
+        let problem = "the start does not confirm that the guard is closed and no person is inside the cell; look at \
+                       the cell, then confirm both";
         return refuse_start(&web, &visitor, recipe, Reason::new("bad_input", problem));
     }
     let source = web.front.setup.clone();

@@ -1,5 +1,5 @@
-//! The table of all routes: each route with its method and the access that it needs. A route that is not in the table
-//! is not served.
+//! The table of all routes: each route with its method and the required access. A route that is not in the table is not
+//! served.
 
 use super::guard::{Access, Method, Route};
 use super::state::Web;
@@ -13,7 +13,7 @@ use axum::routing::{MethodRouter, get, post};
 use panelprep_cell::accounts::Permission;
 use std::sync::Arc;
 
-/// The longest body that is read: an edited recipe, with its escapes.
+/// Maximum size of a request body, bytes: that of an edited recipe with escaped characters.
 pub(super) const MAX_BODY_BYTES: usize = 512 * 1_024;
 
 const fn view_route(path: &'static str, access: Access, handler: fn() -> MethodRouter<Arc<Web>>) -> Route {
@@ -36,7 +36,7 @@ pub(super) static ROUTES: &[Route] = &[
     view_route("/login", Open, || get(accounts::page)),
     change("/login", Open, || post(accounts::login)),
     change("/logout", Open, || post(accounts::logout)),
-    view_route("/password", Needs(View), || get(accounts::own)),
+    view_route("/password", Needs(View), || get(accounts::own_password_page)),
     change("/password", Needs(View), || post(accounts::change_password)),
     view_route("/language/{name}", Open, || get(accounts::language)),
     change("/request/stop", Open, || post(requests::stop)),
@@ -93,7 +93,7 @@ pub(super) static ROUTES: &[Route] = &[
     view_route("/audit.csv", Needs(Audit), || get(audit::csv)),
 ];
 
-/// Returns the router of the table, each route behind the guard.
+/// Returns the router with all routes of the table, each behind the access check.
 pub(super) fn router(web: &Arc<Web>) -> Router {
     let router = ROUTES.iter().fold(Router::new(), |router, route| {
         let guarded = (web.clone(), route);

@@ -1,18 +1,18 @@
-//! The page of the running cell: readable from two metres. A script updates it with the events: the state of the cell
+//! The page of the running cell, readable from two metres. A script updates it with the events: the state of the cell
 //! is requested once, and sent to all viewers.
 //!
-//! The newest cycle is also shown in three dimensions: the scan's points as bytes, the planned paths and their
-//! executed parts as JSON, and the part of a page that shows them. If the browser cannot draw the scene, the text next
-//! to the scene states the same.
+//! The newest cycle is also shown in three dimensions: the points of the scan as bytes, the planned paths and their
+//! executed parts as JSON, and the part of a page that shows them. If the browser cannot draw the scene, a text next to
+//! the scene contains the same information.
 
-use super::answers::{Answer, reading};
+use super::answers::{Answer, read_store};
 use super::guard::{VisitorExtension, not_found_page};
 use super::layout::{Frame, Script};
 use super::live_state::{FrameEncoder, LiveState};
 use super::messages;
 use super::page_texts::Language;
 use super::sessions::Visitor;
-use super::state::{Web, owner, run_blocking};
+use super::state::{Web, connection_owner, run_blocking};
 use crate::daemon::gateway::Gateway;
 use crate::daemon::live_view::ScenePath;
 use crate::daemon::request::RequestKind;
@@ -138,8 +138,8 @@ fn actions(visitor: &Visitor) -> Markup {
     }
 }
 
-/// Shows the form of a start. It has two buttons: the first one asks whether the guard is closed and no person is inside,
-/// and only the second one, which the script enables a moment later, sends the form.
+/// Shows the form for a start. It has two buttons: the first one asks whether the guard is closed and no person is
+/// inside; the second one, which the script enables a moment later, sends the form.
 fn start(visitor: &Visitor, recipes: &Result<Vec<RecipeHash>, String>, rules: &PartRules) -> Markup {
     let words = visitor.language();
     let word = |key| words.text(key);
@@ -170,7 +170,7 @@ fn start(visitor: &Visitor, recipes: &Result<Vec<RecipeHash>, String>, rules: &P
     }
 }
 
-/// Serves the picture that the camera sees now.
+/// Serves the newest picture of the camera.
 pub(super) async fn frame(State(web): State<Arc<Web>>) -> Response {
     match run_blocking(move || web.frames.newest_jpeg()).await.flatten() {
         Some(jpeg) => ([(header::CONTENT_TYPE, "image/jpeg")], jpeg.to_vec()).into_response(),
@@ -178,12 +178,12 @@ pub(super) async fn frame(State(web): State<Arc<Web>>) -> Response {
     }
 }
 
-/// Returns the shown cycle from its record so far: its part and panel, its abrasions, and the state of each grid.
+/// Returns the shown cycle from its record so far: its part and panel, its sanding passes, and the state of each grid.
 pub(super) async fn now(State(web): State<Arc<Web>>, Extension(visitor): VisitorExtension) -> Answer {
     let cycle = web.live.borrow().cycle;
     let Some(id) = cycle.map(CycleId) else { return Ok(Json(json!({ "cycle": null })).into_response()) };
     let (part, record) =
-        reading(&web, &visitor, move |store: &Store| Ok((store.cycle_part(id)?, store.cycle(id)?))).await?;
+        read_store(&web, &visitor, move |store: &Store| Ok((store.cycle_part(id)?, store.cycle(id)?))).await?;
     let (mut grids, passes) = (grid_states(&record.findings), touching_passes(&record));
     grids.extend(touched_grids(&record).into_iter().map(|grid| (grid, "touched")));
     let no_part = record.has_no_part();
@@ -193,11 +193,11 @@ pub(super) async fn now(State(web): State<Arc<Web>>, Extension(visitor): Visitor
     Ok(Json(told).into_response())
 }
 
-/// Shows the question for a person's decision: the numbers in question and the pictures, next to the buttons.
+/// Shows the question for a person's decision: the values to decide on and the pictures, next to the buttons.
 pub(super) async fn review(State(web): State<Arc<Web>>, Extension(visitor): VisitorExtension) -> Answer {
     let cycle = web.live.borrow().cycle;
     let Some(id) = cycle.map(CycleId) else { return Err(not_found_page().await) };
-    let record = reading(&web, &visitor, move |store| store.cycle(id)).await?;
+    let record = read_store(&web, &visitor, move |store| store.cycle(id)).await?;
     let asked = record.findings.iter().enumerate().rev();
     let mut asked = asked.filter(|(_, finding)| finding.judgement.verdict == Verdict::Review);
     match asked.next() {
@@ -228,24 +228,24 @@ fn question(visitor: &Visitor, id: CycleId, (number, finding): (usize, &Finding)
     }
 }
 
-/// Interval at which the loop is polled.
+/// Interval at which the state is requested from the loop.
 const POLL_INTERVAL: Duration = Duration::from_millis(200);
-/// Longest time without a change until the connected pages are informed that the server is still working.
+/// Maximum time without a change until the connected pages are informed that the server is still working.
 const KEEP_ALIVE_INTERVAL: Duration = Duration::from_secs(1);
 
-/// Polls the loop and reports changes, until no receiver is left.
+/// Requests the state from the loop and sends changes, until no receiver is left.
 pub(super) async fn poll_loop(gateway: Gateway, frames: Arc<FrameEncoder>, tell: watch::Sender<Arc<LiveState>>) {
     let mut last_sent = tokio::time::Instant::now();
     loop {
         let reply = gateway.request(RequestKind::State, RequestAuthor::from_source(RequestSource::Page)).await;
         let was = tell.borrow().clone();
         let now = match reply.state {
-            // If the page itself is the only receiver, there is no viewer: then no picture is requested or made.
+            // If the page itself is the only receiver, there is no viewer; then no picture is requested or drawn.
             Some(_) if tell.receiver_count() <= 1 => {
                 LiveState::from_reply(reply, (was.frame, was.frame_name.clone()))
             }
             Some(_) => LiveState::from_reply(reply, frames.newest_frame()),
-            // The last known values are retained, with their time.
+            // The last known values are kept, with their time.
             None => LiveState { answers: false, reasons: reply.reasons, possible: vec![], ..(*was).clone() },
         };
         if !now.is_unchanged(&was) || last_sent.elapsed() >= KEEP_ALIVE_INTERVAL {
@@ -258,25 +258,25 @@ pub(super) async fn poll_loop(gateway: Gateway, frames: Arc<FrameEncoder>, tell:
     }
 }
 
-/// An event of a page.
+/// The data of an event that is sent to a page.
 #[derive(Serialize)]
 struct Seen<'l> {
     #[serde(flatten)]
     live: &'l LiveState,
-    /// The account whose session the page has; `None` after its end. A page that was made for another one shows
-    /// nothing more.
+    /// The account of the page's session; `None` after the end of the session. A page for another account shows nothing
+    /// more.
     by: Option<String>,
 }
 
-/// The events of a page: the state of the cell, now and at each change. A browser that does not read occupies only its
-/// connection: it receives the newest state when it reads again. If there are too many viewers, the one that has
-/// watched for longest gives way; a browser reconnects automatically.
+/// Sends the events to a page: the state of the cell, now and at each change. A browser that does not read only
+/// occupies its connection: it receives the newest state when it reads again. If there are too many viewers, the one
+/// that has been connected for the longest time is disconnected; a browser reconnects automatically.
 pub(super) async fn events(
     State(web): State<Arc<Web>>,
     Extension(visitor): VisitorExtension,
     ConnectInfo(from): ConnectInfo<SocketAddr>,
 ) -> Sse<impl Stream<Item = Result<Event, Infallible>>> {
-    let place = web.viewer_slots.acquire(owner(from.ip()));
+    let place = web.viewer_slots.acquire(connection_owner(from.ip()));
     let mut live = web.live.clone();
     live.mark_changed();
     let token = visitor.person.map(|person| person.token);
@@ -322,7 +322,7 @@ pub(super) async fn paths(
     if points.is_none() && paths.is_empty() {
         return Err(not_found_page().await);
     }
-    let record = reading(&web, &visitor, move |store| store.cycle(id)).await?;
+    let record = read_store(&web, &visitor, move |store| store.cycle(id)).await?;
     Ok(Json(scene_json(&record, &paths, points.is_some())).into_response())
 }
 
@@ -339,7 +339,7 @@ fn scene_json(record: &CycleRecord, paths: &[ScenePath], has_points: bool) -> Va
     json!({ "has_points": has_points, "facing": facing, "paths": paths.iter().map(of_path).collect::<Vec<_>>() })
 }
 
-/// Returns how many waypoints of a plan were executed; the first waypoint is not counted.
+/// Returns the number of executed waypoints of a plan, without the first waypoint.
 fn executed_waypoints(record: &CycleRecord, plan: u64) -> u32 {
     let of_plan = record.motions.iter().filter(|motion| motion.motion.plan == plan);
     of_plan.filter_map(|motion| motion.contact.as_ref()).map(|contact| contact.told).max().unwrap_or(0)

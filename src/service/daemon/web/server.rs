@@ -1,13 +1,14 @@
-//! The page's thread: listens, handles TLS, and limits every connection in time and number. The body of a request must
-//! come in time too: a client that sends only a head must not occupy a connection slot.
+//! The thread of the operator's page: it listens, handles TLS, and limits time and number of the connections. The time
+//! for the body of a request is also limited, so that a client that sends only a head does not occupy a connection
+//! slot.
 //!
-//! The page's certificate is a given certificate, or one that the program makes for itself and stores beside its
-//! store. Once a minute the cell is checked for the alarms between cycles (`daemon::alarms`), and what was refused in
-//! a flood is counted.
+//! The certificate of the page is given in the cell's file, or the program creates one and stores it beside its store.
+//! Once a minute the cell is checked for the alarms between cycles (`daemon::alarms`), and the number of requests that
+//! were refused without an entry is written to the audit trail.
 
 use super::live_state::{FrameEncoder, LiveState};
 use super::page_texts::Translations;
-use super::state::{MAX_PAGE_CONNECTIONS, ViewerSlots, Web, WebParts, owner, run_blocking};
+use super::state::{MAX_PAGE_CONNECTIONS, ViewerSlots, Web, WebParts, connection_owner, run_blocking};
 use super::{accounts, routes, run_page};
 use crate::daemon::background::lower_priority;
 use crate::daemon::gateway::InterfaceContext;
@@ -45,20 +46,20 @@ use tokio::sync::{Semaphore, oneshot, watch};
 use tokio::time::{Instant, sleep, timeout, timeout_at};
 use tokio_rustls::TlsAcceptor;
 
-/// Largest number of connections whose slots other clients need and on which a request is still received: a request
-/// that was sent in the meantime is processed.
+/// Maximum number of connections on which a request is still received although other clients need their slots. A
+/// request that is sent in the meantime is processed.
 const MAX_DRAINING: usize = 64;
-/// Time limit to receive the rest of a request on a connection whose slot another client needs.
+/// Time limit for receiving the rest of a request on a connection whose slot another client needs.
 const DRAIN_TIMEOUT: Duration = Duration::from_millis(50);
-/// Time within which the TLS handshake, and the head of each request, must arrive.
+/// Time limit for the TLS handshake, and for the head of each request.
 const REQUEST_HEAD_TIMEOUT: Duration = Duration::from_secs(10);
-/// Time after which an unavailable address is tried again.
+/// Delay before an unavailable address is tried again.
 const BIND_RETRY_DELAY: Duration = Duration::from_secs(1);
-/// A client that accepts no data for this time is considered disconnected.
+/// Time without accepting data after which a client is treated as disconnected.
 const DISCONNECT_TIMEOUT: Duration = Duration::from_secs(30);
 /// Number of threads that wait for the store's disk, hash passwords and encode pictures. The cell's computer has two
-/// cores: with twice as many threads, two readers that wait for the disk leave two for pictures and passwords. More
-/// would only take time from the control loop, and a stop needs none of them.
+/// cores. With twice as many threads, two threads remain for pictures and passwords while two wait for the disk. More
+/// threads would only take processor time from the control loop, and a stop needs none of them.
 const BLOCKING_THREADS: usize = 4;
 
 /// Errors of the operator's page.
@@ -70,7 +71,7 @@ pub enum PageError {
          [page] listen"
     )]
     Listen {
-        /// The address that the cell's file states.
+        /// The address in the cell's file.
         address: SocketAddr,
         /// The system's message.
         source: std::io::Error,
@@ -78,18 +79,18 @@ pub enum PageError {
     /// A file.
     #[error("the operator's page: {0}; check the files that [page] in the cell's file names")]
     File(#[from] PageFileError),
-    /// The system could not start a thread.
+    /// The operating system could not start a thread.
     #[error("cannot start the thread of the operator's page: {0}")]
     Thread(std::io::Error),
 }
 
-/// A file of the page that cannot be used.
+/// Error: a file of the page cannot be used.
 #[derive(Debug, thiserror::Error)]
 #[error("{}: {problem}", path.display())]
 pub struct PageFileError {
     /// The file.
     pub path: PathBuf,
-    /// The problem in the file.
+    /// The problem with the file.
     pub problem: String,
 }
 
@@ -99,37 +100,37 @@ impl PageFileError {
     }
 }
 
-/// The parts that the page needs.
+/// The parts of the service that the page needs.
 pub struct PageParts {
     /// The `[page]` table of the cell's file.
     pub page: cell::Page,
     /// The store's folder.
     pub folder: PathBuf,
-    /// The parts that every interface uses.
+    /// The parts that all interfaces share.
     pub front: InterfaceContext,
     /// The live view of the cameras.
     pub view: LiveView,
-    /// The source of the cycles' pages and of their signatures.
+    /// The source of the pages of cycles and of their signatures.
     pub records: Arc<dyn RecordSource>,
 }
 
-/// The operator's page; it is served until this is dropped.
+/// The running operator's page; dropping this value ends it.
 #[derive(Debug)]
 pub struct OperatorPage {
-    /// Address that people open in the browser.
+    /// URL that people open in the browser.
     pub url: String,
-    /// The fingerprint of the program's own certificate, if it presents that one.
+    /// Fingerprint of the certificate, if the server uses the certificate of this program.
     pub fingerprint: Option<String>,
     end: Option<oneshot::Sender<()>>,
     thread: Option<JoinHandle<()>>,
 }
 
 impl OperatorPage {
-    /// Serves the page; `None` if the cell's file names no address. If an address is not available now, since another
-    /// program uses it or the network is down, it tries again: the cell does not wait for its page.
+    /// Serves the page; `None` if the cell's file contains no address for it. If an address is not available now,
+    /// because another program uses it or the network is down, it is tried again; the cell does not wait for its page.
     ///
     /// # Errors
-    /// If the certificate or the translation table cannot be used, or the system cannot start a thread.
+    /// If the certificate or the translation table cannot be used, or the operating system cannot start a thread.
     pub fn serve(parts: PageParts) -> Result<Option<Self>, PageError> {
         let PageParts { page, folder, front, view, records } = parts;
         let gateway = front.gateway.clone();
@@ -230,8 +231,8 @@ fn run(
     });
 }
 
-/// Tries until the address is free and the network is up, as after a power cut: the cell continues without a page
-/// meanwhile.
+/// Tries until the address is free and the network is available, for example after a power failure; meanwhile the cell
+/// works without a page.
 async fn bind_with_retries(address: SocketAddr) -> TcpListener {
     loop {
         sleep(BIND_RETRY_DELAY).await;
@@ -242,7 +243,7 @@ async fn bind_with_retries(address: SocketAddr) -> TcpListener {
     }
 }
 
-/// Serves these pages on an address, with or without a certificate, until the returned future is dropped.
+/// Serves these pages at an address, with or without a certificate, until the returned future is dropped.
 #[cfg(feature = "plant")]
 pub(in crate::daemon) async fn listen_and_serve(
     listener: TcpListener,
@@ -260,7 +261,7 @@ async fn accept(listener: TcpListener, acceptor: Option<TlsAcceptor>, router: Ro
         match listener.accept().await {
             Ok((stream, from)) => {
                 let (acceptor, router) = (acceptor.clone(), router.clone());
-                let mut place = places.acquire(owner(from.ip()));
+                let mut place = places.acquire(connection_owner(from.ip()));
                 tokio::spawn(async move {
                     let activity = place.activity_handle();
                     tokio::select! {
@@ -273,13 +274,13 @@ async fn accept(listener: TcpListener, acceptor: Option<TlsAcceptor>, router: Ro
                     drop((place, attended));
                 });
             }
-            // For example, no file descriptor is left: the client tries again.
+            // For example, no file descriptor is free; the client tries again.
             Err(_) => sleep(Duration::from_millis(50)).await,
         }
     }
 }
 
-/// The pages of one connection, and the handle that marks it as active.
+/// The pages for one connection, and the handle that marks the connection as active.
 type MonitoredPages = (Router, ActivityHandle<IpAddr>);
 
 async fn serve_connection(
@@ -309,7 +310,7 @@ async fn serve_http(
 ) {
     let router = router.layer(map_request(with_body_timeout)).layer(axum::Extension(ConnectInfo(from)));
     let heeded = from_fn(move |request: Request, next: Next| {
-        heard.now();
+        heard.mark_active();
         next.run(request)
     });
     let service = TowerToHyperService::new(router.layer(heeded));
@@ -319,22 +320,22 @@ async fn serve_http(
     let _ = server.serve_connection(TokioIo::new(stream), service).await;
 }
 
-/// The names of the files that the program makes.
+/// Names of the certificate and key files that the program creates.
 const OWN_FILE_NAMES: [&str; 2] = ["page-certificate.pem", "page-key.pem"];
 
-/// The certificate that a server presents in TLS.
+/// The certificate that a server uses for TLS.
 pub struct Certificate {
-    /// The configuration of the server's side of TLS.
+    /// The TLS configuration of the server.
     pub config: Arc<ServerConfig>,
-    /// The SHA-256 of the certificate, as browsers show it, if it is the program's own.
+    /// The SHA-256 of the certificate, as browsers show it, if the program created the certificate.
     pub fingerprint: Option<String>,
 }
 
-/// Reads the certificate that the cell's file names; without one, the program's own, which is made if it is
-/// missing.
+/// Reads the certificate that the cell's file names. If it names none, the program's own certificate is read, which is
+/// created if it is missing.
 ///
 /// # Errors
-/// If a file cannot be read or written, or is not a certificate and its key.
+/// If a file cannot be read or written, or does not contain a certificate with its key.
 pub fn certificate(
     given: Option<&[PathBuf; 2]>,
     folder: &Path,
@@ -373,8 +374,8 @@ pub fn certificate(
     Ok(Certificate { config: Arc::new(config), fingerprint })
 }
 
-/// Makes a certificate for this computer, for ten years: a browser has to be configured to trust its fingerprint
-/// only once.
+/// Creates a certificate for this computer, valid for ten years, because each browser must be configured to trust a new
+/// one.
 fn make_certificate([text, key]: &[PathBuf; 2], listen: SocketAddr) -> Result<(), PageFileError> {
     let host = rustix::system::uname().nodename().to_string_lossy().into_owned();
     let mut names = vec![host, "localhost".to_owned(), "127.0.0.1".to_owned()];
@@ -385,22 +386,22 @@ fn make_certificate([text, key]: &[PathBuf; 2], listen: SocketAddr) -> Result<()
     let mut params = CertificateParams::new(names).map_err(failed)?;
     params.distinguished_name.push(rcgen::DnType::CommonName, "Panelprep operator's page");
     let certificate = params.self_signed(&pair).map_err(failed)?;
-    write(key, &pair.serialize_pem())?;
-    write(text, &certificate.pem())
+    write_private_file(key, &pair.serialize_pem())?;
+    write_private_file(text, &certificate.pem())
 }
 
-/// Writes a whole file that only its owner can read.
-fn write(file: &Path, text: &str) -> Result<(), PageFileError> {
+/// Writes a file that only its owner can read.
+fn write_private_file(file: &Path, text: &str) -> Result<(), PageFileError> {
     let folder = file.parent().unwrap_or(Path::new("."));
     let written = NamedTempFile::new_in(folder).and_then(|mut new| new.write_all(text.as_bytes()).map(|()| new));
     let placed = written.and_then(|new| new.persist(file).map_err(|error| error.error));
     placed.map(drop).map_err(|error| PageFileError::file_error(file, error))
 }
 
-/// Time after the head of a request within which its whole body must arrive.
+/// Time limit for the whole body of a request, after its head.
 const BODY_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// Returns a request with a body that ends with an error if it does not come in time.
+/// Returns the request with a body that ends with an error if it does not arrive in time.
 async fn with_body_timeout(request: Request) -> Request {
     let until = Instant::now() + BODY_TIMEOUT;
     request.map(|body| match body.is_end_stream() {
@@ -423,10 +424,10 @@ fn limit_body(body: Body, until: Instant) -> Body {
     Body::from_stream(parts)
 }
 
-/// Interval at which the cell is checked.
+/// Interval at which the cell is checked for alarms.
 const CHECK_INTERVAL: Duration = Duration::from_secs(60);
 
-/// Repeats the check as long as the page is served.
+/// Repeats the check of the cell while the page is served.
 async fn repeat_check(web: Arc<Web>) {
     loop {
         let shared = web.clone();

@@ -1,14 +1,13 @@
-//! Who uses the page: the sessions of people who logged in, and the sender of a request ([`Visitor`]: a person with a
-//! role, or a visitor who is not logged in).
+//! The users of the page: the sessions of people who logged in, and the sender of a request ([`Visitor`]: a person with
+//! a role, or a visitor who is not logged in).
 //!
-//! Sessions are stored in memory only: a restart of the service ends all of them. A wall display ([`Role::Display`])
-//! is the exception. No person clicks there, so its session has no time limit, and the service begins it again at its
-//! start (`accounts::begin_displays`). It ends with a log-out, another password or a disabled account; its role can only
+//! Sessions are stored in memory only: a restart of the service ends all of them. A wall display ([`Role::Display`]) is
+//! the exception. No person uses it, so its session has no time limit, and the service begins it again at its start
+//! (`accounts::begin_displays`). It ends with a log-out, another password or a disabled account; its role can only
 //! view.
 //!
-//! [`AccountStamps`] checks whether a session's account is unchanged since the session began. The account may have
-//! been disabled, or given another role or password: on another page, on the terminal, or while the person was logging
-//! in.
+//! [`AccountStamps`] checks whether a session's account is unchanged since the session began. The account may have been
+//! disabled, or given another role or password: on another page, on the terminal, or while the person was logging in.
 
 use super::page_texts::{Language, Translations};
 use crate::daemon::people::{AccountService, account_stamp};
@@ -20,9 +19,10 @@ use std::sync::Arc;
 use tokio::sync::Mutex;
 use tokio::task::spawn_blocking;
 
-/// Time after the log-in at which a person's session ends, whatever the person does, s. A wall display has no limit.
+/// Maximum duration of a person's session after the log-in, s, even if the person is active. A wall display has no
+/// limit.
 const MAX_SESSION_S: f64 = 12.0 * 3_600.0;
-/// Largest number of sessions of all accounts.
+/// Maximum number of sessions of all accounts.
 const MAX_SESSIONS: usize = 200;
 
 /// A session.
@@ -51,15 +51,15 @@ pub struct SessionHolder {
     pub printed_name: String,
     /// The role.
     pub role: Role,
-    /// The stamp of the account now.
+    /// The present stamp of the account.
     pub stamp: String,
 }
 
-/// The hash of a token: a copy of the memory does not allow a log-in, and the time of a lookup reveals nothing about
-/// the token.
+/// The hash of a token. It is stored instead of the token, so that a copy of the memory does not allow a log-in, and
+/// the time of a look-up reveals nothing about the token.
 type TokenHash = [u8; 32];
 
-/// All sessions. Times are seconds of a clock that does not jump.
+/// All sessions. Times are in seconds of a monotonic clock.
 #[derive(Debug)]
 pub struct Sessions {
     open: BTreeMap<TokenHash, Session>,
@@ -72,14 +72,14 @@ fn key(token: &str) -> TokenHash {
 }
 
 impl Sessions {
-    /// Creates an empty set of sessions; a session ends after `idle_s` seconds without a request, except that of a wall
-    /// display, and an account has at most `of_account` sessions.
+    /// Creates an empty set of sessions. A session ends after `idle_s` seconds without a request, except that of a wall
+    /// display; an account has at most `of_account` sessions.
     pub fn new(idle_s: f64, of_account: usize) -> Self {
         Sessions { open: BTreeMap::new(), idle_s, of_account }
     }
 
-    /// Begins a session under a new token. If this account then has too many sessions, the session without a request
-    /// for the longest time ends.
+    /// Begins a session with a new token. If the account then has too many sessions, the one without a request for the
+    /// longest time ends.
     pub fn begin_session(&mut self, (token, csrf): (&str, String), who: SessionHolder, now_s: f64) {
         self.forget(now_s);
         let SessionHolder { name, printed_name, role, stamp } = who;
@@ -99,7 +99,7 @@ impl Sessions {
         oldest.and_then(|key| self.open.remove(&key));
     }
 
-    /// Returns the session of this token. Actions of a person keep it alive; automatic requests of a page do not.
+    /// Returns the session with this token. Actions of a person extend it; automatic requests of a page do not.
     pub fn find(&mut self, token: &str, now_s: f64, is_action: bool) -> Option<Session> {
         self.forget(now_s);
         let session = self.open.get_mut(&key(token))?;
@@ -114,7 +114,7 @@ impl Sessions {
         self.open.remove(&key(token))
     }
 
-    /// Ends every session of this account, for example when the account is changed.
+    /// Ends every session of this account, for example because the account was changed.
     pub fn end_account_sessions(&mut self, name: &str) {
         self.open.retain(|_, session| session.name != name);
     }
@@ -122,7 +122,7 @@ impl Sessions {
     fn forget(&mut self, now_s: f64) {
         let idle_s = self.idle_s;
         let lasts = |session: &Session| now_s - session.seen_s < idle_s && now_s - session.began_s < MAX_SESSION_S;
-        // No person clicks on a screen on the wall; its role can only view, and its account can be disabled.
+        // No person uses a wall display; its role can only view, and its account can be disabled.
         self.open.retain(|_, session| session.role == Role::Display || lasts(session));
     }
 }
@@ -130,13 +130,13 @@ impl Sessions {
 /// The sender of a request.
 #[derive(Debug, Clone)]
 pub(super) struct Visitor {
-    /// Address of the client.
+    /// Network address of the client.
     pub from: String,
     /// The person, if one is logged in.
     pub person: Option<Person>,
-    /// Whether the browser has the cookie of a session that is no longer valid.
+    /// Whether the browser sends the cookie of a session that is no longer valid.
     pub has_ended: bool,
-    /// The language that was chosen; the next field has the languages that the browser prefers.
+    /// The chosen language; the next field contains the languages that the browser prefers.
     pub chosen: Option<String>,
     pub accepted: Option<String>,
     pub words: Arc<Translations>,
@@ -155,7 +155,7 @@ pub(super) struct Person {
 }
 
 impl Visitor {
-    /// Returns the words of the visitor's language.
+    /// Returns the texts in the visitor's language.
     pub fn language(&self) -> Language<'_> {
         self.words.language(self.chosen.as_deref(), self.accepted.as_deref())
     }
@@ -172,7 +172,7 @@ impl Visitor {
     }
 }
 
-/// Returns the key of a role's word.
+/// Returns the key of the word for a role.
 pub(super) fn role_key(role: Role) -> &'static str {
     match role {
         Role::Display => "role.display",
@@ -184,11 +184,11 @@ pub(super) fn role_key(role: Role) -> &'static str {
     }
 }
 
-/// Shortest time between two readings of the accounts for this check, s. If the last reading does not confirm a
-/// session, the accounts are read again at once.
+/// Minimum interval between two readings of the accounts for this check, s. If the last reading does not confirm a
+/// session, the accounts are read again immediately.
 const MIN_READ_INTERVAL_S: f64 = 1.0;
 
-/// The accounts as they were read last; `None` before the first reading.
+/// The accounts as of the last reading; `None` before the first reading.
 #[derive(Debug, Default)]
 pub(super) struct AccountStamps(Mutex<Option<KnownStamps>>);
 
@@ -221,11 +221,12 @@ impl AccountStamps {
                 let stamps = enabled.map(|account| (account.name.clone(), account_stamp(account))).collect();
                 known.insert(KnownStamps { read_s, stamps }).contains(person)
             }
-            // A store that cannot be read ends no session: the last known data remains valid.
+            // If the store cannot be read, no session ends: the last known data remain valid.
             failed => {
                 if let Ok(Err(error)) = failed {
                     tracing::warn!(
-                        "the accounts could not be read, so changes of accounts are not effective yet: {error}"
+                        "the accounts could not be read, so changes of accounts are not effective yet: {error}; they \
+                         are read again automatically"
                     );
                 }
                 known.as_ref().is_none_or(|known| known.contains(person))

@@ -1,17 +1,17 @@
 //! The set-up of the cell: recipes with their problems, the equipment with the age of its calibrations, and the state
-//! of the whole cell, as `panelprep doctor` reports it: each item from the bottom up, with its findings and the
-//! remedy.
+//! of the whole cell as `panelprep doctor` reports it: each item from the bottom up, with its findings and the remedy.
 //!
-//! A recipe's region, outline and masks are drawn on the taught scan's picture. The drawing becomes a proposed recipe
-//! text, shown with its differences; the text is approved and saved like every other change of a recipe.
+//! A recipe's region, outline and masks are drawn on the picture of the taught scan. The drawing becomes a proposed
+//! recipe text, which is shown with its differences. The text is approved and saved like every other change of a
+//! recipe.
 
-use super::answers::{Answer, panic_response, reading};
+use super::answers::{Answer, panic_response, read_store};
 use super::guard::{VisitorExtension, refusal};
 use super::layout::{Frame, Script, local_time};
 use super::page_texts::Language;
 use super::state::{Web, entry, run_blocking};
 use super::versions;
-use super::versions::difference;
+use super::versions::show_difference;
 use crate::daemon::clock::now_unix_ms;
 use crate::daemon::sources::{ExaminedItem, SetupSource};
 use axum::extract::{Path, Query, State};
@@ -92,9 +92,9 @@ pub(super) async fn recipe(
         Some(Err(problem)) => return Err(refusal(StatusCode::NOT_FOUND, "recipe", &problem)),
         None => return Err(panic_response()),
     };
-    let beginning = versions::subject(&name, "");
+    let beginning = versions::audit_subject(&name, "");
     let versions = move |store: &Store| store.audit_of_subjects(versions::RECIPE_CHANGE, &beginning);
-    let versions = reading(&web, &visitor, versions).await?;
+    let versions = read_store(&web, &visitor, versions).await?;
     let words = visitor.language();
     let word = |key| words.text(key);
     let body = html! {
@@ -129,20 +129,21 @@ pub(super) async fn recipe(
     Ok(Frame { visitor: &visitor, title: &name, here: "/setup", scripts: &[Script::Forms] }.page(&body))
 }
 
-/// The offer of the office that is in the form, by the hash of its text.
+/// The hash of the office server's offer that is in the form.
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 pub(super) struct OfferQuery {
     offer: String,
 }
 
-/// Shows the office's offer, its author and reason, its difference, and the link that copies it into the form.
+/// Shows the offer of the office server, its author and reason, its differences, and the link that copies it into the
+/// form.
 fn show_offer(words: Language<'_>, (name, text): (&str, &str), offer: &RecipeOffer) -> Markup {
     html! {
         section.review {
             h3 { (words.text("setup.offered")) }
             p { (offer.by) ", " (local_time(offer.unix_ms)) ": " (offer.why) }
-            (versions::difference(text, &offer.text))
+            (versions::show_difference(text, &offer.text))
             p.links { a href={ "/setup/recipe/" (name) "?offer=" (offer.hash()) } { (words.text("setup.take")) } }
         }
     }
@@ -196,13 +197,13 @@ pub(super) async fn save(
     if why.trim().is_empty() {
         return refusal(StatusCode::UNPROCESSABLE_ENTITY, "recipe", visitor.language().text("setup.why_missing"));
     }
-    let subject = Some(versions::subject(&name, why.trim()));
+    let subject = Some(versions::audit_subject(&name, why.trim()));
     let line = AuditEntry { subject, after: Some(text), ..entry(&visitor, versions::RECIPE_CHANGE) };
     let changed = visitor.language().text("setup.changed_meanwhile").to_owned();
     let after = content_hash(line.after.as_deref().unwrap_or_default().as_bytes());
     let kept = run_blocking(move || store_recipe(&web, &name, line, (&read, &changed)));
     match kept.await {
-        // The form continues from the saved text.
+        // The form continues with the saved text.
         Some(Ok(removed_um)) => {
             let words = visitor.language();
             let author = AuditEntry { unix_ms: now_unix_ms(), ..entry(&visitor, versions::RECIPE_CHANGE) };
@@ -215,17 +216,17 @@ pub(super) async fn save(
     }
 }
 
-/// Stores the text after this line's change as the recipe. In one locked step, the present text is compared with the
-/// text on which the change is based, the change is written to the audit trail, and the recipe is written. So if two
-/// people save at the same time, the second one is informed. Nothing is written that is not in the audit trail. Returns
-/// the limit of the removal, µm, if the change removed it.
+/// Stores the changed text as the recipe. Under one lock, the present text is compared with the text on which the
+/// change is based, the change is written to the audit trail, and the recipe is written. So if two people save at the
+/// same time, the second one is informed, and nothing is written that is not in the audit trail. Returns the removal
+/// limit, µm, if the change deleted it.
 fn store_recipe(
     web: &Web,
     name: &str,
     line: AuditEntry,
     (read, changed): (&str, &str),
 ) -> Result<Option<f64>, String> {
-    // A panic of another thread under this lock leaves nothing incomplete: a file is written as a whole.
+    // A panic of another thread under this lock leaves nothing incomplete, because a file is written as a whole.
     let _turn = web.saving.lock().unwrap_or_else(PoisonError::into_inner);
     let setup = &web.front.setup;
     let text = line.after.clone().unwrap_or_default();
@@ -252,7 +253,7 @@ fn store_recipe(
     Ok(removed_um)
 }
 
-/// Examines everything now, for one person at a time: it queries cameras, robot and disk.
+/// Examines the whole cell now, for one person at a time: it queries cameras, robot and disk.
 pub(super) async fn doctor_page(State(web): State<Arc<Web>>, Extension(visitor): VisitorExtension) -> Answer {
     let Ok(_turn) = web.examining.acquire().await else { return Err(panic_response()) };
     let source = web.front.setup.clone();
@@ -263,7 +264,7 @@ pub(super) async fn doctor_page(State(web): State<Arc<Web>>, Extension(visitor):
     Ok(frame.page(&doctor_body(words, &examined)))
 }
 
-/// Shows the items that are not in order first, then the others, both in the order from the bottom up.
+/// Shows the items with problems first, then the others, each group from the bottom up.
 fn doctor_body(words: Language<'_>, examined: &[ExaminedItem]) -> Markup {
     let word = |key| words.text(key);
     let (right, wrong): (Vec<&ExaminedItem>, Vec<&ExaminedItem>) = examined.iter().partition(|one| one.is_right);
@@ -288,7 +289,7 @@ fn doctor_body(words: Language<'_>, examined: &[ExaminedItem]) -> Markup {
     }
 }
 
-/// Does work with the recipes that may wait for a disk; an error becomes the response.
+/// Performs work with the recipes that may wait for a disk; an error becomes the response.
 async fn with_recipes<T: Send + 'static>(
     web: &Web,
     work: impl FnOnce(&dyn SetupSource) -> Result<T, String> + Send + 'static,
@@ -301,7 +302,7 @@ async fn with_recipes<T: Send + 'static>(
     }
 }
 
-/// Shows the sheet with its tools, and the form that approves the drawing.
+/// Shows the drawing sheet with its tools, and the form that approves the drawing.
 pub(super) async fn draw_page(
     State(web): State<Arc<Web>>,
     Extension(visitor): VisitorExtension,
@@ -350,7 +351,7 @@ fn encoded(name: &str) -> String {
     form_urlencoded::byte_serialize(name.as_bytes()).collect::<String>().replace('+', "%20")
 }
 
-/// Serves the taught scan's picture.
+/// Serves the picture of the taught scan.
 pub(super) async fn picture(State(web): State<Arc<Web>>, Path(name): Path<String>) -> Answer {
     let png = with_recipes(&web, move |source| {
         let picture = source.taught_picture(&name)?;
@@ -359,7 +360,7 @@ pub(super) async fn picture(State(web): State<Arc<Web>>, Path(name): Path<String
     Ok(([(header::CONTENT_TYPE, "image/png")], png.await?).into_response())
 }
 
-/// Returns the drawing of the recipe's content.
+/// Returns the content of the recipe as a drawing.
 pub(super) async fn drawing(State(web): State<Arc<Web>>, Path(name): Path<String>) -> Answer {
     let drawn = with_recipes(&web, move |source| {
         let text = source.recipe(&name)?.text;
@@ -388,7 +389,7 @@ pub(super) async fn propose(
         }
     });
     let (before, after) = proposed.await?;
-    let difference = difference(&before, &after).into_string();
+    let difference = show_difference(&before, &after).into_string();
     let body = json!({
         "text": after, "is_changed": after != before, "difference": difference,
         "before": content_hash(before.as_bytes()),

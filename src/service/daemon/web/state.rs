@@ -1,9 +1,9 @@
-//! Data that the page's handlers share, with the last picture of each camera that was taken between cycles, and the
-//! largest number of connections from one address and from all.
+//! Data that the handlers of the page share, with the last picture of each camera that was captured between cycles, and
+//! the maximum number of connections, from one address and in total.
 //!
-//! [`Refusals`] are the lines of the audit trail about refused requests of logged-in people. If a page repeats such
-//! requests, only a few lines are written, and one more that counts the others, so that requests that are not
-//! permitted do not keep the disk busy.
+//! [`Refusals`] limits the entries of the audit trail about refused requests of logged-in people. If a page repeats
+//! such requests, only a few entries are written, and one further entry with the number of the others, so that requests
+//! without permission do not keep the disk busy.
 
 use super::live_state::{FrameEncoder, LiveState};
 use super::page_texts::{Language, Translations};
@@ -20,7 +20,7 @@ use std::net::{IpAddr, Ipv6Addr};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::{Semaphore, watch};
 
-/// Data that the page's handlers share.
+/// Data that the handlers of the page share.
 pub(super) struct Web {
     pub front: InterfaceContext,
     pub live: watch::Receiver<Arc<LiveState>>,
@@ -30,23 +30,23 @@ pub(super) struct Web {
     pub records: Arc<dyn RecordSource>,
     /// Whether the page uses TLS.
     pub is_tls: bool,
-    /// The host names under which a page without TLS may be requested.
+    /// The host names that a page without TLS accepts in requests.
     pub hosts: Option<[String; 2]>,
-    /// Locked while a person runs an examination of the whole cell.
+    /// Allows one examination of the whole cell at a time.
     pub examining: Semaphore,
     /// The last pictures of the cameras between cycles.
     pub views: CameraShots,
-    /// The viewers of the events.
+    /// The connections that receive the events.
     pub viewer_slots: ViewerSlots,
-    /// The accounts as they were read last.
+    /// The account stamps as of the last reading.
     pub stamps: AccountStamps,
-    /// Held while a recipe is saved.
+    /// Locked while a recipe is saved.
     pub saving: Mutex<()>,
     refusals: Mutex<Refusals>,
     sessions: Mutex<Sessions>,
 }
 
-/// The parts from which the shared data of the page is made.
+/// The parts from which the shared data of the page are created.
 pub(super) struct WebParts {
     pub front: InterfaceContext,
     pub live: watch::Receiver<Arc<LiveState>>,
@@ -81,18 +81,18 @@ impl Web {
         }
     }
 
-    /// Returns the seconds on a clock that does not jump.
+    /// Returns the time of a monotonic clock, s.
     pub fn now_s(&self) -> f64 {
         self.front.people.now_s()
     }
 
     pub fn sessions(&self) -> MutexGuard<'_, Sessions> {
-        // Every change is completed under the lock.
+        // A poisoned lock is harmless, because every change under this lock is complete.
         self.sessions.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Writes a line of the audit trail about a refused request, or counts it if there are many; on the calling
-    /// thread.
+    /// Adds an entry about a refused request to the audit trail, or only counts it if there are many. The call blocks
+    /// while it waits for the disk.
     pub fn audit_refusal(&self, line: &AuditEntry) {
         let now_ms = self.now_ms();
         self.count_refusals(now_ms);
@@ -101,24 +101,24 @@ impl Web {
         }
     }
 
-    /// Records the lines that count the refusals of the minutes that have passed by this time. It runs on the calling
-    /// thread.
+    /// Writes the number of refusals without an entry for the minutes that have ended. The call blocks while it waits
+    /// for the disk.
     pub fn count_refusals(&self, now_ms: u64) {
         let counted = self.lock_refusals().take_elapsed_lines(now_ms);
         counted.iter().for_each(|line| self.audit(line));
     }
 
     fn lock_refusals(&self) -> MutexGuard<'_, Refusals> {
-        // Every change is completed under the lock.
+        // A poisoned lock is harmless, because every change under this lock is complete.
         self.refusals.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Returns the milliseconds on the clock of [`Web::now_s`].
+    /// Returns the time of the clock of [`Web::now_s`], ms.
     pub fn now_ms(&self) -> u64 {
         (self.now_s() * 1_000.0) as u64
     }
 
-    /// Reads the store on the calling thread, which may wait for the disk.
+    /// Opens the store and reads from it. The call blocks while it waits for the disk.
     ///
     /// # Errors
     /// If the store cannot be opened or read.
@@ -126,7 +126,7 @@ impl Web {
         self.front.people.read(read)
     }
 
-    /// Writes a row for which no cycle waits, on the calling thread, which may wait for the disk.
+    /// Opens the store and writes to it. The call blocks while it waits for the disk; no cycle waits for it.
     ///
     /// # Errors
     /// If the store cannot be opened or written.
@@ -134,13 +134,13 @@ impl Web {
         self.front.people.write(write)
     }
 
-    /// Writes a line of the audit trail; if the disk refuses, the line is written to the service's log.
+    /// Adds an entry to the audit trail; if the disk cannot be written, the entry is written to the service's log.
     pub fn audit(&self, entry: &AuditEntry) {
         self.front.people.audit(entry);
     }
 }
 
-/// The last picture of a camera that was requested on the page.
+/// The last picture of a camera that a person requested on the page.
 pub(super) struct CameraShot {
     pub jpeg: Vec<u8>,
     pub unix_ms: i64,
@@ -167,23 +167,23 @@ impl CameraShots {
     }
 }
 
-/// Lines of one account in a minute; one more line counts the lines that are left out.
-const LINES: MaxLinesPerMinute = MaxLinesPerMinute { done: 0, refused: 19 };
+/// Maximum number of entries of one account per minute; one further entry contains the number of the others.
+const MAX_ENTRIES_PER_MINUTE: MaxLinesPerMinute = MaxLinesPerMinute { done: 0, refused: 19 };
 
-/// For each account whose requests were refused in this minute: its line limit and the last line.
+/// For each account with refused requests in this minute: the limit of its entries, and the last entry.
 #[derive(Debug, Default)]
 pub(super) struct Refusals(BTreeMap<String, (LineLimit, AuditEntry)>);
 
 impl Refusals {
-    /// Returns whether this line of a refusal is written; if not, the line is counted.
+    /// Returns whether the entry about a refusal must be written; if not, it is counted.
     pub fn admit_line(&mut self, line: &AuditEntry, now_ms: u64) -> bool {
         let who = line.who.clone().unwrap_or_default();
-        let (limit, last) = self.0.entry(who).or_insert_with(|| (LineLimit::new(LINES, now_ms), line.clone()));
+        let (limit, last) = self.0.entry(who).or_insert_with(|| (LineLimit::new(MAX_ENTRIES_PER_MINUTE, now_ms), line.clone()));
         last.clone_from(line);
         limit.admit_line(true)
     }
 
-    /// Returns, for the minutes that have passed, the lines that count the lines left out.
+    /// Returns, for the minutes that have ended, the entries with the number of refusals without an entry.
     pub fn take_elapsed_lines(&mut self, now_ms: u64) -> Vec<AuditEntry> {
         let mut counted = Vec::new();
         self.0.retain(|_, (limit, last)| {
@@ -203,41 +203,41 @@ impl Refusals {
     }
 }
 
-/// Largest number of connections at one time. If all are in use, the one that has been silent for longest gives way to
-/// a new one.
+/// Maximum number of simultaneous connections. If all are in use, the one that has been silent for the longest time is
+/// closed for a new one.
 pub(super) const MAX_PAGE_CONNECTIONS: MaxConnections = MaxConnections { per_owner: 256, total: 512 };
-/// Largest number of connections among these that may follow the events, a response without an end. Most connections
-/// stay free for requests: even with the largest number of viewers, 320 of 512 can carry a stop, and 192 of one
-/// address.
+/// Maximum number of connections among these that may receive the events, a response without an end. The other
+/// connections remain free for requests: even with the maximum number of viewers, 320 of 512 connections can be used
+/// for a stop, and 192 of one address.
 const MAX_VIEWERS: MaxConnections = MaxConnections { per_owner: 64, total: 192 };
 
-/// Places of connections, by their owners.
+/// The connections that receive the events, by their owners.
 pub(super) type ViewerSlots = Slots<IpAddr>;
 
-/// Returns the text that log-in to the account is blocked for this many more seconds after wrong passwords.
-pub(super) fn pauses(left_s: f64, words: Language<'_>) -> String {
+/// Returns the text that log-ins to the account are blocked for this number of seconds after wrong passwords.
+pub(super) fn lock_text(left_s: f64, words: Language<'_>) -> String {
     format!("{} {:.0} s", words.text("login.pauses"), left_s.ceil())
 }
 
-/// Returns a line of the audit trail for this visitor and an action that was done.
+/// Returns an entry of the audit trail for an action of this visitor.
 pub(super) fn entry(visitor: &Visitor, what: &str) -> AuditEntry {
     let (who, role) = visitor.person.as_ref().map(|person| (person.name.clone(), person.role)).unzip();
     AuditEntry::for_completed_action(who, role, visitor.from.clone(), what)
 }
 
-/// Runs work that may wait for a disk or need long, outside the page's runtime.
+/// Runs work that may wait for a disk or take long, outside of the page's runtime.
 pub(super) async fn run_blocking<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> Option<T> {
     tokio::task::spawn_blocking(work).await.ok()
 }
 
-/// Does work with passwords, one task at a time, outside of the page's runtime.
+/// Runs work with passwords, one task at a time, outside of the page's runtime.
 pub(super) async fn hashing<T: Send + 'static>(web: &Web, work: impl FnOnce() -> T + Send + 'static) -> Option<T> {
     web.front.people.hashing(work).await
 }
 
-/// Returns the owner of a connection from this address: one host of IPv4, or one network of IPv6, since its hosts
-/// choose addresses freely.
-pub(super) fn owner(address: IpAddr) -> IpAddr {
+/// Returns the owner of a connection from this address: the address itself for IPv4, the network for IPv6, because the
+/// hosts of an IPv6 network choose their addresses freely.
+pub(super) fn connection_owner(address: IpAddr) -> IpAddr {
     match address.to_canonical() {
         IpAddr::V4(address) => IpAddr::V4(address),
         IpAddr::V6(address) => {
@@ -253,7 +253,7 @@ mod tests {
 
     #[test]
     fn a_network_of_ipv6_is_one_owner() {
-        let of = |text: &str| owner(text.parse().expect("an address"));
+        let of = |text: &str| connection_owner(text.parse().expect("an address"));
         assert_eq!(of("2001:db8::1"), of("2001:db8::ffff:7"));
         assert_ne!(of("2001:db8::1"), of("2001:db8:0:1::1"));
         assert_eq!(of("::ffff:10.0.0.1"), of("10.0.0.1"));

@@ -1,4 +1,4 @@
-//! Tests of the page as a browser or an attacker uses it: the page's own router, with a queue in place of the loop.
+//! Tests of the page as a browser or an attacker uses it: the router of the page, with a queue in place of the loop.
 
 mod attacks;
 mod drawing;
@@ -36,15 +36,15 @@ use tempfile::TempDir;
 use tower::ServiceExt;
 
 pub(super) const PASSWORD: &str = "correct horse";
-/// One hash for all, since it needs a while.
+/// The hash is computed once for all accounts, because this takes some time.
 static HASH: LazyLock<String> =
     LazyLock::new(|| accounts::hash_password(PASSWORD, "nobody", [3; 16]).expect("allowed"));
 
-/// A correct recipe, with a comment that must not be lost.
+/// A valid recipe with a comment that must not be lost.
 pub(super) const DOOR: &str = "panel = \"door\" # the left one\n\n[locate]\nbox_min_mm = [0, 0, 0]\nbox_max_mm = [900, 900, 900]\n\n\
                                [region]\ncorners_px = [[10, 10], [90, 10], [90, 60], [10, 60]]\nrows = 2\ncolumns = 3\n";
 
-/// A source of recipes; one of them can be changed.
+/// A source of recipes, one of which can be changed.
 #[derive(Default)]
 struct Source {
     door: Mutex<Option<String>>,
@@ -128,7 +128,7 @@ impl RecordSource for Source {
     }
 }
 
-/// A page on a new store, with an account for each role.
+/// Test bench: a page on a new store, with an account for each role.
 pub(super) struct PageFixture {
     router: Router,
     pub web: Arc<Web>,
@@ -137,7 +137,7 @@ pub(super) struct PageFixture {
     pub folder: TempDir,
 }
 
-/// A response, read to its end.
+/// A complete response.
 #[derive(Debug)]
 pub(super) struct FullResponse {
     pub status: StatusCode,
@@ -146,7 +146,7 @@ pub(super) struct FullResponse {
 }
 
 impl FullResponse {
-    /// Returns the session's cookie that the response set.
+    /// Returns the session cookie that the response sets.
     pub fn cookie(&self) -> Option<String> {
         let set = self.headers.get_all("set-cookie").iter().filter_map(|value| value.to_str().ok());
         set.map(|value| value.split(';').next().unwrap_or("").to_owned())
@@ -223,7 +223,7 @@ impl PageFixture {
         PageFixture { router: router.layer(axum::Extension(from)), web, gateway, asked, folder }
     }
 
-    /// Returns the parts from which a real server of the same page is started.
+    /// Returns the parts from which a real server of this page is started.
     pub fn parts(&self, page: panelprep_cell::cell::Page) -> PageParts {
         let (folder, gateway) = (self.folder.path().join("store"), self.gateway.clone());
         let people = Arc::new(AccountService::new(folder.clone()));
@@ -244,7 +244,7 @@ impl PageFixture {
         let request = request.body(Body::from(body.to_owned())).expect("a request");
         let response = self.router.clone().oneshot(request).await.expect("infallible");
         let (parts, body) = response.into_parts();
-        // The stream of events has no end.
+        // The stream of events has no end, so it is not read.
         let is_endless = parts.headers.get("content-type").is_some_and(|kind| kind == "text/event-stream");
         let body = if is_endless { Default::default() } else { to_bytes(body, 1 << 24).await.expect("whole") };
         let body = String::from_utf8_lossy(&body).into_owned();
@@ -256,7 +256,7 @@ impl PageFixture {
         self.send("GET", path, &[("cookie", &cookie)], "").await
     }
 
-    /// Sends a change as the page's own script does.
+    /// Sends a change as the script of the page does.
     pub async fn post(&self, browser: &Browser, path: &str, body: &str) -> FullResponse {
         let cookie = browser.cookie.clone().unwrap_or_default();
         let headers = [

@@ -1,7 +1,7 @@
 //! Trends: the development of one quantity of a panel over its cycles, and the locations at which its film breaks.
 
 use super::answers;
-use super::answers::{Answer, reading};
+use super::answers::{Answer, read_store};
 use super::guard::VisitorExtension;
 use super::layout::Frame;
 use super::page_texts::Language;
@@ -18,10 +18,10 @@ use panelprep_store::store::{Store, StoreError};
 use serde::Deserialize;
 use std::sync::Arc;
 
-/// Largest number of the newest cycles of a panel, or of the newest verifications, that are shown.
-const MAX_CYCLES: usize = 200;
+/// Maximum number of shown values: of the newest cycles of a panel, or of the newest verifications.
+const MAX_SHOWN_CYCLES: usize = 200;
 
-/// The selection of what is shown; empty fields are chosen by the page.
+/// The selection of a person; for empty fields the page chooses a value.
 #[derive(Debug, Clone, Default, Deserialize)]
 #[serde(default)]
 pub(super) struct TrendQuery {
@@ -40,7 +40,7 @@ struct TrendSelection {
 }
 
 impl TrendQuery {
-    /// Returns the selected panel: the panel that was named, otherwise the panel of the newest cycle.
+    /// Returns the selected panel; if none is selected, the panel of the newest cycle.
     fn panel(&self, store: &Store, panels: &[String]) -> Result<String, StoreError> {
         if !self.panel.is_empty() {
             return Ok(self.panel.clone());
@@ -50,17 +50,16 @@ impl TrendQuery {
         Ok(newest.or_else(|| panels.first().cloned()).unwrap_or_default())
     }
 
-    /// Returns the name of the selected number: a check's name that was typed in has priority over the list of
-    /// numbers.
-    fn name(&self) -> String {
+    /// Returns the name of the selected value: a check's name that was typed in has priority over the list.
+    fn value_name(&self) -> String {
         let names = [self.check.trim(), self.name.as_str(), KnownQuantity::LocalizationResidual.keyword()];
         names.into_iter().find(|name| !name.is_empty()).unwrap_or_default().to_owned()
     }
 
     fn read(&self, store: &Store) -> Result<TrendSelection, StoreError> {
         let panels = store.cycle_panels()?;
-        let (panel, name) = (self.panel(store, &panels)?, self.name());
-        let cycles = store.past_cycles(&panel, MAX_CYCLES)?;
+        let (panel, name) = (self.panel(store, &panels)?, self.value_name());
+        let cycles = store.past_cycles(&panel, MAX_SHOWN_CYCLES)?;
         let quantity = Quantity::from_keyword(&name);
         let trend = match &quantity {
             Quantity::Known(known) if known.verified_subject().is_some() => {
@@ -68,7 +67,7 @@ impl TrendQuery {
                 let subject = known.verified_subject().unwrap_or_default();
                 Trend::from_points(
                     (title.to_owned(), unit.to_owned()),
-                    store.verification_points(subject, MAX_CYCLES)?,
+                    store.verification_points(subject, MAX_SHOWN_CYCLES)?,
                     0,
                 )
             }
@@ -79,7 +78,7 @@ impl TrendQuery {
 }
 
 async fn read(web: &Arc<Web>, visitor: &Visitor, query: TrendQuery) -> Result<TrendSelection, Response> {
-    reading(web, visitor, move |store| query.read(store)).await
+    read_store(web, visitor, move |store| query.read(store)).await
 }
 
 pub(super) async fn page(
@@ -189,7 +188,7 @@ fn fields(words: Language<'_>, shown: &TrendSelection) -> Markup {
     }
 }
 
-/// Shows the unusual values in words: the meaning of the triangles.
+/// Shows the unusual values in words, which explain the triangles.
 fn show_hints(words: Language<'_>, trend: &Trend) -> Markup {
     let of = |at: usize| trend.points.get(at);
     html! {

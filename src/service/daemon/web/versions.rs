@@ -1,5 +1,5 @@
-//! The versions of a recipe: who approved each version, when and why, and what it changed, line by line. The
-//! versions come from the audit trail.
+//! The versions of a recipe: who approved each version, when and why, and what it changed, line by line. The versions
+//! are read from the audit trail.
 
 use super::layout::local_time;
 use super::page_texts::Language;
@@ -9,27 +9,27 @@ use panelprep_cell::accounts::AuditEntry;
 use panelprep_store::store::NumberedEntry;
 use similar::{ChangeTag, TextDiff};
 
-/// The name of a recipe's change in the audit trail.
+/// The name of a recipe change in the audit trail.
 pub(super) use panelprep_cell::accounts::RECIPE_CHANGE;
 
-/// Returns the subject in the audit trail for a change of this recipe, with its reason.
-pub(super) fn subject(name: &str, why: &str) -> String {
+/// Returns the subject of the audit trail's entry for a change of this recipe, with its reason.
+pub(super) fn audit_subject(name: &str, why: &str) -> String {
     format!("{name}: {why}")
 }
 
-/// Returns the limit of the removal that a recipe states, µm; `None` if the text states none or is no TOML.
+/// Returns the removal limit in a recipe text, µm; `None` if the text contains none or is not TOML.
 fn removal_limit_um(text: &str) -> Option<f64> {
     let recipe: toml::Table = text.parse().ok()?;
     let limit = recipe.get("removal")?.get("max_um")?;
     limit.as_float().or_else(|| limit.as_integer().map(|um| um as f64))
 }
 
-/// Returns the limit of the removal, µm, that the text before a change states and the text after it does not.
+/// Returns the removal limit, µm, that is in the text before a change and not in the text after it.
 pub(super) fn removed_limit_um(before: &str, after: &str) -> Option<f64> {
     removal_limit_um(before).filter(|_| removal_limit_um(after).is_none())
 }
 
-/// Returns the warning that a change removed the limit of the removal: the limit, who approved the change, and when.
+/// Returns the warning that a change deleted the removal limit: the limit, who approved the change, and when.
 pub(super) fn removed_limit_warning(words: Language<'_>, limit_um: f64, entry: &AuditEntry) -> String {
     let who = entry.who.as_deref().unwrap_or("–");
     let when = utc_text(entry.unix_ms.div_euclid(1_000));
@@ -40,8 +40,8 @@ fn text_of(entry: &AuditEntry) -> (&str, &str) {
     (entry.before.as_deref().unwrap_or(""), entry.after.as_deref().unwrap_or(""))
 }
 
-/// Returns whether a version, the newest first, began with the text that the version before it ended with. The first
-/// version has no earlier one, but its former text is stored.
+/// Returns whether a version (the newest first) began with the text with which the previous version ended. The first
+/// version has no previous one, but its former text is stored.
 fn follows_predecessor(versions: &[NumberedEntry], index: usize) -> bool {
     let before = versions[index].entry.before.as_deref();
     match versions.get(index + 1) {
@@ -50,8 +50,8 @@ fn follows_predecessor(versions: &[NumberedEntry], index: usize) -> bool {
     }
 }
 
-/// Shows what is wrong with the chain of versions as a whole: the present text is not that of the newest version, or
-/// a removed limit of the removal is still missing.
+/// Shows the problems of the whole history: the present text is not that of the newest version, or a deleted removal
+/// limit is still missing.
 pub(super) fn show_warnings(words: Language<'_>, present: &str, versions: &[NumberedEntry]) -> Markup {
     let is_newest = versions.first().is_none_or(|newest| newest.entry.after.as_deref() == Some(present));
     let removed = versions.iter().find_map(|NumberedEntry { entry, .. }| {
@@ -65,10 +65,10 @@ pub(super) fn show_warnings(words: Language<'_>, present: &str, versions: &[Numb
     }
 }
 
-/// Shows the versions, each with its difference from the previous one. A version whose former text is not that of the
-/// version before it is marked: the recipe was changed outside of the page, or a line of the audit trail is missing.
+/// Shows the versions, each with its difference from the previous one. A version whose former text is not the text of
+/// the previous version is marked: the recipe was changed without the page, or an entry of the audit trail is missing.
 pub(super) fn show_versions(words: Language<'_>, name: &str, versions: &[NumberedEntry]) -> Markup {
-    let beginning = subject(name, "");
+    let beginning = audit_subject(name, "");
     let word = |key| words.text(key);
     html! {
         h3 { (word("setup.versions")) }
@@ -80,14 +80,14 @@ pub(super) fn show_versions(words: Language<'_>, name: &str, versions: &[Numbere
                     (local_time(entry.unix_ms)) " · " (entry.who.as_deref().unwrap_or("–")) " · "
                     (entry.subject.as_deref().and_then(|subject| subject.strip_prefix(&beginning)).unwrap_or(""))
                 }
-                (difference(entry.before.as_deref().unwrap_or(""), entry.after.as_deref().unwrap_or("")))
+                (show_difference(entry.before.as_deref().unwrap_or(""), entry.after.as_deref().unwrap_or("")))
             }
         }
     }
 }
 
-/// Shows the lines that were removed and added, with one unchanged line around them.
-pub(in crate::daemon) fn difference(before: &str, after: &str) -> Markup {
+/// Shows the deleted and added lines, with one unchanged line before and after them.
+pub(in crate::daemon) fn show_difference(before: &str, after: &str) -> Markup {
     let difference = TextDiff::from_lines(before, after);
     html! {
         pre.scroll tabindex="0" {
@@ -113,12 +113,12 @@ mod tests {
         let line =
             AuditEntry::for_completed_action(Some("eva".to_owned()), None, "10.0.0.1".to_owned(), RECIPE_CHANGE);
         let (before, after) = (before.map(str::to_owned), Some(after.to_owned()));
-        let entry = AuditEntry { unix_ms, subject: Some(subject("door.toml", "why")), before, after, ..line };
+        let entry = AuditEntry { unix_ms, subject: Some(audit_subject("door.toml", "why")), before, after, ..line };
         NumberedEntry { number: unix_ms, entry }
     }
 
-    /// Each text has the text before it as its predecessor: a change from outside of the page, and a line that is
-    /// missing in the trail, are reported.
+    /// Each text must begin with the text of its predecessor: a change without the page, and a missing entry of the
+    /// audit trail, are reported.
     #[test]
     fn a_gap_in_the_chain_of_texts_is_reported() {
         let words = Translations::read(None).expect("the program's own");
@@ -162,7 +162,7 @@ mod tests {
             role: None,
             from: "10.0.0.1".to_owned(),
             what: RECIPE_CHANGE.to_owned(),
-            subject: Some(subject("door.toml", "more rows")),
+            subject: Some(audit_subject("door.toml", "more rows")),
             before: Some("panel = \"a\"\nrows = 3\ncolumns = 6\n".to_owned()),
             after: Some("panel = \"a\"\nrows = 4 # <b>\ncolumns = 6\n".to_owned()),
             refused: None,

@@ -98,7 +98,7 @@ fn the_page_shows_every_number_limit_and_hash() {
         "<td>hand-eye calibration</td><td>not measured</td>",
         "<td>localization</td><td>0.15 mm</td>",
         "<td>total</td><td>not measured</td>",
-        "0.8 mm, stated by the cell&#39;s file, not measured",
+        "0.8 mm, from the cell&#39;s file, not measured",
         "<td>recipe</td><td>cafe</td>",
         "<td>base_from_camera</td><td>beef</td>",
         "<td>film watched first</td><td>60 s</td>",
@@ -120,7 +120,7 @@ fn a_complete_budget_has_a_total_and_a_running_cycle_no_result() {
         &BTreeMap::new(),
     )
     .html();
-    // Calculated by hand: √(4 · 0.5²) = 1.
+    // Expected value, calculated by hand: √(4 · 0.5²) = 1.
     assert!(html.contains("<td>total</td><td>1 mm</td>") && !html.contains("tool_error_mm"));
     assert!(html.contains("class=\"verdict doubt\"") && html.contains("not ended"));
     assert!(html.contains("<td>robot and tool</td>"));
@@ -136,8 +136,8 @@ fn numbers_have_four_significant_digits() {
     assert_eq!(texts, ["0.1235", "59.8", "123457", "0.0001234", "-2.5", "0", "100", "3"]);
 }
 
-/// A contact path whose end was not reported: the robot reported 3 waypoints, and 16 were permitted. The path reaches
-/// r1c1 at waypoint 2, r1c2 at 10 and r1c3 at 30.
+/// Returns a cycle with a contact path whose end was not reported: the robot reported 3 waypoints, and 16 were
+/// permitted. The path reaches r1c1 at waypoint 2, r1c2 at 10 and r1c3 at 30.
 fn cycle_with_an_interrupted_path() -> CycleRecord {
     let reached = |grid: &str, first| FirstReached { grid: grid.to_owned(), first };
     let grids = vec![reached("r1c1", 2), reached("r1c2", 10), reached("r1c3", 30)];
@@ -200,8 +200,8 @@ fn simulated_time_and_wall_time_are_distinguished() {
     assert!(cycle_page(&earlier, &BTreeMap::new()).html().contains("was not recorded"));
 }
 
-/// By hand: 101 of the 102 waypoints belong to the path, and these are executed; the approach ends at the first
-/// waypoint.
+/// Expected counts, by hand: 101 of the 102 waypoints belong to the path, and all of them are executed; the approach
+/// ends at the first waypoint.
 #[test]
 fn planned_and_executed_waypoints_are_counted_alike() {
     let executed = Check::new(name::EXECUTED_WAYPOINTS_NAME, "", 101.0)
@@ -236,7 +236,7 @@ fn a_number_beyond_its_limit_is_printed_differently_from_it() {
     assert_eq!(shown(-0.0, Limit::AtMost(8.0)), ["0 %", "≤ 8 %"]);
 }
 
-/// The verdict of a cycle on foam is about the cell: its page states that it releases no panel.
+/// The verdict of a cycle on foam applies to the cell: its page states that it releases no panel.
 #[test]
 fn the_page_of_a_cycle_on_foam_releases_nothing() {
     let mut cycle = record();
@@ -246,7 +246,7 @@ fn the_page_of_a_cycle_on_foam_releases_nothing() {
 }
 
 /// The verdict of an air-run states that the motions passed, not that the panel passed: its page states this, and
-/// contains no conditions of a test.
+/// contains no test conditions.
 #[test]
 fn the_page_of_an_air_run_releases_nothing() {
     let cycle = record();

@@ -1,5 +1,5 @@
-//! The record of a cycle on one page, to read and to sign, as HTML and as PDF; content that does not fit on the page
-//! follows as an annex.
+//! The record of a cycle on one page, for reading and signing, as HTML and as PDF; content that does not fit on the
+//! page follows as an annex.
 //!
 //! The sheet (`sheet`) consists of tables (`tables`). It is created once from the stored data of the cycle and is drawn
 //! in both formats. Nothing is decided here: every word and number is already in the record.

@@ -1,8 +1,8 @@
-//! The page and its annex as PDF/A-3, with the signed record attached: this one file contains everything that was
-//! signed.
+//! The page and its annex as PDF/A-3, with the signed record attached, so that this one file contains everything that
+//! was signed.
 //!
-//! First each text, rectangle and picture gets its position: a list of elements for each page, in points from its top
-//! left corner. Then the elements are drawn.
+//! First, the position of each text, rectangle and picture is computed: a list of elements for each page, with
+//! positions in points from the upper left corner of the page. Then the elements are drawn.
 
 use super::sheet::RecordSheet;
 use super::tables::{Block, GridMap, GridState};
@@ -39,7 +39,7 @@ pub struct AttachedFile {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("the record cannot be written as PDF/A-3: {problem}")]
 pub struct PdfError {
-    /// The problem that was found.
+    /// Description of the problem.
     pub problem: String,
 }
 
@@ -52,7 +52,7 @@ impl PdfError {
             KrillaError::Font(_, why) => PdfError { problem: format!("a font: {why}") },
             KrillaError::Image(_, _, why) => PdfError { problem: format!("a picture: {why}") },
             KrillaError::Limit(_) => PdfError::new("the document is too large"),
-            _ => PdfError::new("two of its parts have the same name"),
+            _ => PdfError::new("two parts of the document have the same name"),
         }
     }
 
@@ -61,8 +61,8 @@ impl PdfError {
     }
 }
 
-/// Returns the PDF. `unix_s` is the time at which the record was made, s since 1970. The same record always gives the
-/// same bytes.
+/// Returns the PDF. `unix_s` is the time at which the record was created, s since 1970. The same record always gives
+/// the same bytes.
 ///
 /// # Errors
 /// If a picture is not a JPEG, or the file would not be valid PDF/A-3.
@@ -75,7 +75,7 @@ pub fn pdf(
     let faces = FontFaces::new().map_err(|error| PdfError::new(&error.to_string()))?;
     let fonts = [dejavu::sans_condensed::regular(), dejavu::sans_condensed::bold()];
     let [regular, bold] = fonts.map(|bytes| Font::new(bytes.into(), 0));
-    let fonts = regular.zip(bold).ok_or_else(|| PdfError::new("a font cannot be read"))?;
+    let fonts = regular.zip(bold).ok_or_else(|| PdfError::new("a font of the program cannot be read"))?;
     let image = |figure: &Figure| {
         Image::from_jpeg(figure.jpeg.clone().into(), false).map_err(|error| PdfError::new(&error))
     };
@@ -177,7 +177,7 @@ fn draw(surface: &mut Surface<'_>, mark: &PageElement, fonts: &(Font, Font), ima
     }
 }
 
-/// Converts a time to the date format of a PDF, by way of the text that people read.
+/// Converts a time to the date format of PDF, from the text that people read.
 fn date(unix_s: i64) -> Option<DateTime> {
     let words = utc_text(unix_s);
     let numbers: Vec<u16> =
@@ -195,9 +195,9 @@ const TEXT_PT: f32 = 7.0;
 const LINE_HEIGHT_FACTOR: f32 = 1.28;
 const HEADING_PT: f32 = 8.2;
 const TITLE_PT: f32 = 13.0;
-/// Largest length of the map's longer side, pt.
+/// Maximum length of the longer side of the map, pt.
 const MAX_MAP_SIDE_PT: f32 = 150.0;
-/// Largest side of a grid's cell in the map, pt.
+/// Maximum side of a grid's cell in the map, pt.
 const MAX_CELL_SIDE_PT: f32 = 18.0;
 const GREY: [u8; 3] = [90, 90, 90];
 const BLACK: [u8; 3] = [0, 0, 0];
@@ -205,13 +205,13 @@ const BLACK: [u8; 3] = [0, 0, 0];
 /// An element of a page.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum PageElement {
-    /// A line of text; its position is the left end of its baseline.
+    /// A line of text; the position is the left end of its baseline.
     Text { at: [f32; 2], size_pt: f32, bold: bool, colour: [u8; 3], text: String },
     /// A line.
     Line { from: [f32; 2], to: [f32; 2], width_pt: f32 },
     /// A filled rectangle with its outline.
     Cell { at: [f32; 2], side_pt: f32, colour: [u8; 3] },
-    /// The picture with this index, in this box.
+    /// The picture with this index, scaled to this box.
     Picture { at: [f32; 2], size: [f32; 2], number: usize },
 }
 
@@ -224,7 +224,7 @@ pub(super) struct AnnexPicture<'p> {
     pub size_px: [u32; 2],
 }
 
-/// The two fonts, with which the widths of texts are calculated.
+/// The two fonts from which the widths of texts are computed.
 pub(super) struct FontFaces {
     regular: Face<'static>,
     bold: Face<'static>,
@@ -249,7 +249,7 @@ impl FontFaces {
         units * size_pt / f32::from(face.units_per_em())
     }
 
-    /// Returns the text with each character that a font lacks replaced by its Unicode number.
+    /// Returns the text in which each character that is missing in the font is replaced by its Unicode number.
     fn printable(&self, text: &str) -> String {
         let mut printable = String::with_capacity(text.len());
         for sign in text.chars() {
@@ -294,7 +294,7 @@ impl FontFaces {
     }
 }
 
-/// The pages whose layout is being computed, and the vertical position of the next element.
+/// The pages of the layout in progress, and the vertical position of the next element.
 struct PageLayout<'f> {
     faces: &'f FontFaces,
     pages: Vec<Vec<PageElement>>,
@@ -341,7 +341,7 @@ impl PageLayout<'_> {
         self.y = MARGIN_PT;
     }
 
-    /// Begins a new page if less than this height is left on the current one.
+    /// Begins a new page if less than this height is left on the current page.
     fn ensure_height(&mut self, height_pt: f32) {
         if self.y + height_pt > PAGE_SIZE_PT[1] - MARGIN_PT && self.y > MARGIN_PT {
             self.begin_page();

@@ -1,11 +1,11 @@
-//! The sheet: the content of the page in tables of text, from the stored data of a cycle, and the sheet as HTML.
+//! The sheet: the content of the signed page in tables of text, from the stored data of a cycle, and its HTML.
 //!
-//! The HTML is the first of a cycle's pages; the browser prints it on one page of A4.
+//! The HTML is the first part of a cycle's page; the browser prints it on one sheet of A4.
 
 use super::tables::{
-    Block, EarlierCycle, GridMap, GridState, RecordSources, check_table, deviations, equipment_table, events,
-    failed_rows, film_list, map, numbers, reasons, short_hash, shorten_for_page, signature_line, signatures,
-    uncertainty,
+    Block, EarlierCycle, GridMap, GridState, RecordSources, check_table, deviation_list, equipment_table, event_list,
+    failed_rows, film_list, map, value_list, reason_list, short_hash, shorten_for_page, signature_line, signatures,
+    format_uncertainty,
 };
 use maud::{Markup, PreEscaped, html as markup};
 use panelprep_base::number_text::{fixed_decimals, utc_text};
@@ -21,9 +21,9 @@ use panelprep_vision::inspect::picture_interval_s;
 pub struct RecordSheet {
     /// Its title.
     pub title: String,
-    /// How the cycle ended.
+    /// The verdict with which the cycle ended.
     pub verdict: Verdict,
-    /// The result of the cycle in a sentence.
+    /// The consequence of the verdict in one sentence.
     pub disposition: String,
     /// Pairs of name and value above the map, two pairs in each line.
     pub facts: Vec<(String, String)>,
@@ -35,15 +35,15 @@ pub struct RecordSheet {
     pub annex: Vec<Block>,
 }
 
-/// Number of rows on the page that is reserved for each table; the annex has all rows.
+/// Number of rows on the page that are reserved for each table; the annex contains all rows.
 const GUARANTEED_ROWS: usize = 5;
 const UNNAMED_TEXT: &str = "not stated at the start";
 
-/// Indices of the tables that receive the rows that other tables do not use, in this order: numbers, equipment, failed
+/// Indices of the tables that receive the rows that other tables do not use, in this order: values, equipment, failed
 /// grids. A row of these tables is one line.
 const ROW_PRIORITY: [usize; 3] = [2, 3, 0];
 
-/// Returns the number of rows of each table on the page; together the tables have at most as many rows as if each had
+/// Returns the number of rows of each table on the page. All tables together have at most as many rows as if each had
 /// [`GUARANTEED_ROWS`].
 fn page_row_counts(rows: [usize; 6]) -> [usize; 6] {
     let mut shown = rows.map(|count| count.min(GUARANTEED_ROWS));
@@ -57,7 +57,7 @@ fn page_row_counts(rows: [usize; 6]) -> [usize; 6] {
 }
 
 impl RecordSheet {
-    /// Creates the page of a cycle.
+    /// Creates the sheet of a cycle.
     pub fn from_sources(sources: &RecordSources<'_>) -> Self {
         let record = sources.record;
         let failed = Block {
@@ -76,9 +76,9 @@ impl RecordSheet {
         let all = [
             failed,
             film_list(record),
-            numbers(record),
+            value_list(record),
             equipment_table(sources.equipment),
-            deviations(record),
+            deviation_list(record),
             signatures(sources),
         ];
         let most_rows = page_row_counts(all.each_ref().map(|block| block.rows.len()));
@@ -96,12 +96,12 @@ impl RecordSheet {
             }
             blocks.push(shown);
         }
-        // The line for the person who decides comes after the rows of all people who signed.
+        // The line for the person who must decide follows the rows of all people who have signed.
         if let (Some(line), Some(block)) = (signature_line(sources), blocks.last_mut()) {
             block.rows.push(line);
         }
-        annex.extend(events(record));
-        annex.extend(reasons(record));
+        annex.extend(event_list(record));
+        annex.extend(reason_list(record));
         annex.extend(record.findings.iter().filter(|finding| !finding.checks.is_empty()).map(check_table));
         RecordSheet {
             title: format!("Water-break test, panel {}, cycle {}", record.panel, record.id),
@@ -126,7 +126,7 @@ fn disposition_text(record: &CycleRecord) -> String {
         return "AIR-RUN: the path was run above the panel; nothing was tested and nothing is released".to_owned();
     }
     if record.is_on_foam() {
-        return "ON FOAM: a proof of the cell with foam instead of a panel; nothing is released".to_owned();
+        return "ON FOAM: an acceptance test of the cell with foam instead of a panel; nothing is released".to_owned();
     }
     let Some(judgement) = &record.judgement else {
         return "NOT ENDED: this is not the final result of the cycle".to_owned();
@@ -138,9 +138,9 @@ fn disposition_text(record: &CycleRecord) -> String {
     }
     let words = match judgement.verdict {
         Verdict::Pass => "the film held on every tested grid",
-        Verdict::Fail => "the film broke, and no further abrasion was allowed",
+        Verdict::Fail => "the film broke, and no further sanding pass was permitted",
         Verdict::Invalid => "the test gives no result; repeat it",
-        Verdict::Review => "a person has to decide",
+        Verdict::Review => "a person must decide",
         Verdict::Reject => "the panel was not treated further",
         Verdict::Aborted => "the cycle ended without a result",
         Verdict::Accept => "accepted",
@@ -159,9 +159,9 @@ fn facts(sources: &RecordSources<'_>) -> Vec<(String, String)> {
     let named = |name: Option<&String>| name.cloned().unwrap_or_else(|| UNNAMED_TEXT.to_owned());
     let by_recipe = |detail: &str| {
         let value = record.findings.iter().find_map(|finding| finding.details.get(detail));
-        value.and_then(|value| value.as_str()).map(|text| format!("{text} (stated by the recipe)"))
+        value.and_then(|value| value.as_str()).map(|text| format!("{text} (from the recipe)"))
     };
-    // If several people stated a value, the last statement counts.
+    // If several people stated a value, the last statement is used.
     let by_person = |value: fn(&StatedValues) -> Option<&String>| {
         let mut last_first = sources.signatures.iter().rev();
         last_first.find_map(|one| {
@@ -173,12 +173,12 @@ fn facts(sources: &RecordSources<'_>) -> Vec<(String, String)> {
         let known: Vec<String> = values.into_iter().flatten().collect();
         if known.is_empty() { format!("……………… ({blank})") } else { known.join("; ") }
     };
-    let unstated = "not measured, not stated by the recipe";
+    let unstated = "not measured, not stated in the recipe";
     let process = recipe.map(Recipe::process);
     let procedure = process.and_then(|process| process.procedure());
     let passes = process.map(|process| {
         format!(
-            "at most {} abrasions per grid, {} passes per part",
+            "at most {} sanding passes per grid, {} passes per part",
             process.max_passes_per_grid(),
             process.effective_passes_per_part()
         )
@@ -196,10 +196,10 @@ fn facts(sources: &RecordSources<'_>) -> Vec<(String, String)> {
         ),
         fact(
             "procedure",
-            procedure.unwrap_or_else(|| "ASTM F22; its edition is not stated by the recipe".to_owned()),
+            procedure.unwrap_or_else(|| "ASTM F22; its edition is not stated in the recipe".to_owned()),
         ),
         fact("program", format!("panelprep {}", record.program_version)),
-        fact("time", time(record)),
+        fact("time", observation_time(record)),
         fact("acceptance", criterion(record, process)),
         fact("abrasion", passes.unwrap_or_else(|| "not known: the recipe is missing".to_owned())),
         fact("error at the tool, 95 %", budget(record)),
@@ -216,11 +216,11 @@ fn facts(sources: &RecordSources<'_>) -> Vec<(String, String)> {
     ]
 }
 
-/// Maximum number of characters of a value that a person stated, on the page; the signed file of the signature contains
+/// Maximum length on the page of a value that a person stated, characters; the signed file of the signature contains
 /// the whole value.
 const MAX_STATED_CHARACTERS: usize = 90;
 
-/// Returns a value that a person stated, as the page prints it.
+/// Returns the printed form of a value that a person stated.
 fn stated_text(text: &str) -> String {
     match text.char_indices().nth(MAX_STATED_CHARACTERS) {
         Some((end, _)) => format!("{}… (see the signed file)", &text[..end]),
@@ -228,7 +228,7 @@ fn stated_text(text: &str) -> String {
     }
 }
 
-/// Text on the page if the store has no approval of the recipe's text.
+/// Text that is printed if the store contains no approval of the recipe's text.
 const NO_APPROVAL: &str = "no approval in the store";
 
 fn earlier_removal_text(earlier: Option<&[EarlierCycle]>) -> String {
@@ -246,7 +246,7 @@ fn earlier_removal_text(earlier: Option<&[EarlierCycle]>) -> String {
     }
 }
 
-fn time(record: &CycleRecord) -> String {
+fn observation_time(record: &CycleRecord) -> String {
     let began = utc_text(record.started_unix_s);
     let took =
         record.ended_unix_s.map_or("not ended".to_owned(), |end| format!("{} s", end - record.started_unix_s));
@@ -254,8 +254,8 @@ fn time(record: &CycleRecord) -> String {
     format!("{began}, {took}{simulated}")
 }
 
-/// Describes the criterion by which a grid fails, as it was applied to the films. The time is the observation window
-/// that recipe or cell states. The limit of the check is shorter by the interval between two pictures, because the
+/// Describes the criterion by which a grid fails, as it was applied to the films. The time is the observation window in
+/// the recipe or the cell's file. The limit of the check is shorter by the interval between two pictures, because the
 /// window begins and ends between two pictures.
 fn criterion(record: &CycleRecord, process: Option<&recipe::Process>) -> String {
     let films = record.findings.iter().filter(|finding| finding.kind == Kind::Inspect);
@@ -285,12 +285,12 @@ fn criterion(record: &CycleRecord, process: Option<&recipe::Process>) -> String 
 fn budget(record: &CycleRecord) -> String {
     let budget = record.budget.unwrap_or_default();
     let part = |name: &str, mm: Option<f64>| match mm {
-        Some(mm) => format!("{name} {}", uncertainty(mm, "mm")),
+        Some(mm) => format!("{name} {}", format_uncertainty(mm, "mm")),
         None => format!("{name} not measured"),
     };
     let total = match (budget.total_mm(), budget.stated_mm) {
-        (Some(total), _) => uncertainty(total, "mm"),
-        (None, Some(stated)) => format!("{}, stated in the cell's file", uncertainty(stated, "mm")),
+        (Some(total), _) => format_uncertainty(total, "mm"),
+        (None, Some(stated)) => format!("{}, stated in the cell's file", format_uncertainty(stated, "mm")),
         (None, None) => "total unknown".to_owned(),
     };
     let parts = [
@@ -302,13 +302,13 @@ fn budget(record: &CycleRecord) -> String {
     format!("{total} ({})", parts.join(", "))
 }
 
-/// The sheet's own style, in addition to the style of the page around it.
+/// The sheet's own style, in addition to the style of the page around the sheet.
 const STYLE_SHEET: &str = "@page{size:A4;margin:12mm}.sheet{font-size:12px;line-height:1.35}.sheet h1{font-size:20px}.sheet h2{\
 font-size:13px;margin:.7em 0 .1em}.sheet table{width:100%;margin:0}.sheet th,.sheet td{padding:.05rem .5rem .05rem 0;\
 vertical-align:top;overflow-wrap:anywhere;white-space:normal}.sheet .facts{display:grid;grid-template-columns:1fr 1fr;gap:0 1.5rem}\
 .sheet .facts div{border-bottom:1px solid #ddd;display:flex;gap:.6rem}.sheet .facts b{flex:0 0 38%;font-weight:normal;color:#555}\
 .sheet .map table{width:auto}.sheet .map{display:flex;gap:1rem;align-items:flex-start;margin-top:.6em}@media print{.sheet{font-size:7.6pt;break-after:page}}";
-/// Largest side of a cell of the map, px; the cells of a region with many grids are smaller.
+/// Maximum side of a cell of the map, px; the cells of a region with many grids are smaller.
 const MAX_CELL_SIDE_PX: usize = 34;
 const MAX_MAP_SIDE_PX: usize = 380;
 
@@ -358,7 +358,7 @@ fn draw_grid_map(map: &GridMap) -> Markup {
     }
 }
 
-// In an SVG, each element needs its own closing tag; otherwise it would contain all elements that follow.
+// In an SVG, each element needs its own closing tag; otherwise it would contain all following elements.
 fn cell([x, y]: [usize; 2], side: usize, state: GridState) -> Markup {
     let [red, green, blue] = state.state_color();
     let [down, up] = state.hatch_directions();
@@ -394,8 +394,8 @@ fn draw_legend(map: &GridMap) -> Markup {
 mod tests {
     use super::*;
 
-    /// By hand, first case: the film table leaves 3 rows free, and the signatures leave 4. The numbers use 4 of these
-    /// 7 rows; the equipment uses the other 3, although it needs 4 more.
+    /// Expected counts of the first case, by hand: the film table leaves 3 rows free, and the signatures leave 4. The
+    /// values use 4 of these 7 rows. The equipment uses the other 3, although it needs 4 more.
     #[test]
     fn free_rows_go_to_numbers_and_equipment_first() {
         assert_eq!(page_row_counts([9, 2, 9, 9, 5, 1]), [5, 2, 9, 8, 5, 1]);

@@ -1,7 +1,7 @@
-//! The data from which the page is made, the tables of the page and of its annex, and the map of the grids.
+//! The data from which the sheet is created, the tables of the sheet and of its annex, and the map of the grids.
 //!
-//! A grid passed in the first film, passed after it had failed and was abraded, failed, or was not tested. All numbers
-//! have one format: the digits that the measurement supports, beside the limit and its source.
+//! The result of a grid is one of: passed in the first film, passed after it had failed and was sanded, failed, not
+//! tested. All numbers have one format: the digits that the measurement supports, beside the limit and its source.
 
 use crate::report::cycle::event_sections;
 use crate::report::page::Section;
@@ -16,22 +16,23 @@ use panelprep_store::history::is_valid_film;
 use panelprep_store::signing::StatedValues;
 use std::collections::BTreeSet;
 
-/// The data from which the page is made.
+/// The data from which the sheet is created.
 #[derive(Debug, Clone, Copy)]
 pub struct RecordSources<'s> {
     /// The cycle.
     pub record: &'s CycleRecord,
-    /// The cycle's part; `None` if none was named.
+    /// The part of the cycle; `None` if no part was named.
     pub part: Option<&'s PartNames>,
-    /// The cycle's recipe; `None` if the stored copy is missing.
+    /// The recipe of the cycle; `None` if the stored copy is missing.
     pub recipe: Option<&'s Recipe>,
-    /// Text that states who approved the recipe and when; `None` if the store has no approval of this recipe's text.
+    /// Text that states who approved the recipe and when; `None` if the store contains no approval of this recipe's
+    /// text.
     pub recipe_approval: Option<&'s str>,
     /// The equipment.
     pub equipment: &'s [Equipment],
-    /// Earlier cycles that abraded the same part; `None` if the part's serial number is not known.
+    /// Earlier cycles that sanded the same part; `None` if the part's serial number is not known.
     pub earlier: Option<&'s [EarlierCycle]>,
-    /// The people who signed, in order.
+    /// The people who signed, in the order of their signatures.
     pub signatures: &'s [PrintedSignature],
 }
 
@@ -40,7 +41,7 @@ pub struct RecordSources<'s> {
 pub struct Equipment {
     /// The kind of equipment, such as "scanner, lens".
     pub what: String,
-    /// Its serial number; `None` if its calibration names none.
+    /// The serial number of the equipment; `None` if its calibration contains none.
     pub serial: Option<String>,
     /// The day of the calibration.
     pub calibrated: Option<String>,
@@ -55,11 +56,11 @@ pub struct Equipment {
 pub struct LastVerification {
     /// The day.
     pub day: String,
-    /// The error found and the limit.
+    /// The measured error and the limit.
     pub error: String,
 }
 
-/// An earlier cycle that abraded the same part.
+/// An earlier cycle that sanded the same part.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct EarlierCycle {
     /// Its number.
@@ -70,16 +71,16 @@ pub struct EarlierCycle {
     pub passes: usize,
 }
 
-/// A signature, as it is printed.
+/// A signature in its printed form.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct PrintedSignature {
     /// The printed name.
     pub name: String,
     /// The time.
     pub time: String,
-    /// Meaning of the signature.
+    /// The meaning of the signature, such as "reviewed".
     pub meaning: String,
-    /// The record's number in the chain of signed records, and the record's hash.
+    /// The record's number in the chain of signed records, and the hash of the record.
     pub chain_position: String,
     /// Whether the person decided with this signature about the release of the part.
     pub is_deciding: bool,
@@ -87,12 +88,12 @@ pub struct PrintedSignature {
     pub values: StatedValues,
 }
 
-/// A table under a heading.
+/// A table with its heading.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Block {
     /// Its heading.
     pub heading: String,
-    /// The headings of the table's columns, each with its share of the width.
+    /// The headings of the columns, each with the column's fraction of the width.
     pub columns: Vec<(&'static str, f32)>,
     /// Its rows.
     pub rows: Vec<Vec<String>>,
@@ -129,9 +130,10 @@ pub(super) fn film_list(record: &CycleRecord) -> Block {
     }
 }
 
-/// Lists the values by which a reader judges the treatment; of several values of one kind, only the last one.
-pub(super) fn numbers(record: &CycleRecord) -> Block {
-    // In the record, the names of some checks are understandable only after the preceding check; here each name is
+/// Lists the values by which a reader evaluates the treatment; if a value was measured several times, only the last
+/// one.
+pub(super) fn value_list(record: &CycleRecord) -> Block {
+    // In the record, the names of some checks are understandable only after the preceding check. Here each name is
     // complete.
     let wanted = [
         (Kind::Inspect, name::SMALLEST_BREAK, name::SMALLEST_BREAK),
@@ -206,8 +208,8 @@ pub(super) fn equipment_table(all: &[Equipment]) -> Block {
     }
 }
 
-/// Lists the results about which a person had to decide, each with its decision.
-pub(super) fn deviations(record: &CycleRecord) -> Block {
+/// Lists the results about which a person had to decide, each with the decision.
+pub(super) fn deviation_list(record: &CycleRecord) -> Block {
     let all = record.findings.iter().zip(finding_dispositions(&record.findings, &record.asked));
     let reviews = all.filter(|(finding, _)| finding.judgement.verdict == Verdict::Review);
     let review = |(finding, disposition): (&Finding, Disposition<'_>)| {
@@ -242,17 +244,17 @@ pub(super) fn signatures(sources: &RecordSources<'_>) -> Block {
     }
 }
 
-/// Returns the line for a signature by hand; `None` if the cycle examined no part and there is nothing to release, or
-/// if a signature already contains the decision.
+/// Returns the line for a handwritten signature; `None` if the cycle examined no part, so that there is nothing to
+/// release, or if a signature already contains the decision.
 pub(super) fn signature_line(sources: &RecordSources<'_>) -> Option<Vec<String>> {
     let is_open = sources.record.has_examined_part() && !sources.signatures.iter().any(|one| one.is_deciding);
     let line = "……………………………".to_owned();
     is_open.then(|| vec![line.clone(), line.clone(), "released / not released".to_owned(), line])
 }
 
-/// Lists what was abraded, and every request to the cell with its author and result: holds, a new disc, decisions. The
+/// Lists the sanded grids, and every request to the cell with its author and result: holds, a new disc, decisions. The
 /// sections are those of the cycle's page.
-pub(super) fn events(record: &CycleRecord) -> Vec<Block> {
+pub(super) fn event_list(record: &CycleRecord) -> Vec<Block> {
     let block = |section: Section| {
         let text = vec![String::new(), section.text];
         let rows = section.rows.into_iter().map(|row| vec![row.name, row.value]);
@@ -265,8 +267,8 @@ pub(super) fn events(record: &CycleRecord) -> Vec<Block> {
     event_sections(record).into_iter().map(block).collect()
 }
 
-/// Lists every reason in full, because the page has space only for short ones.
-pub(super) fn reasons(record: &CycleRecord) -> Option<Block> {
+/// Lists every reason in full length, because the page has space only for short ones.
+pub(super) fn reason_list(record: &CycleRecord) -> Option<Block> {
     let row = |what: String, verdict: Verdict, message: &str| {
         vec![what, verdict.keyword().to_owned(), message.to_owned()]
     };
@@ -292,7 +294,7 @@ pub(super) fn check_table(finding: &Finding) -> Block {
     }
 }
 
-/// Shortens a text to at most this number of characters for the page; the annex has the full text.
+/// Shortens a text to at most this number of characters for the page; the annex contains the full text.
 pub(super) fn shorten_for_page(text: &str, most: usize) -> String {
     match text.char_indices().nth(most) {
         Some((end, _)) => format!("{}… (see the annex)", &text[..end]),
@@ -300,7 +302,8 @@ pub(super) fn shorten_for_page(text: &str, most: usize) -> String {
     }
 }
 
-/// Returns the first digits of a hash, which are enough to compare two hashes by eye; the signed record has all digits.
+/// Returns the first digits of a hash, which are sufficient to compare two printed hashes; the signed record contains
+/// all digits.
 pub(super) fn short_hash(hash: &str) -> String {
     hash.get(..16).map_or(hash.to_owned(), |digits| format!("{digits}…"))
 }
@@ -308,18 +311,18 @@ pub(super) fn short_hash(hash: &str) -> String {
 /// The result of a grid.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum GridState {
-    /// The last valid film does not show the grid as a whole, or there is no valid film.
+    /// The last valid film does not show the whole grid, or there is no valid film.
     NotTested,
     /// The film held.
     Passed,
-    /// The film broke, the grid was abraded, and the next film did not break.
+    /// The film broke, the grid was sanded, and the next film did not break.
     PassedAfterAbrasion,
     /// The film broke.
     Failed,
 }
 
 impl GridState {
-    /// Every state, in the order of the legend.
+    /// All states, in the order of the legend.
     pub const ALL: [GridState; 4] =
         [GridState::Passed, GridState::PassedAfterAbrasion, GridState::Failed, GridState::NotTested];
 
@@ -343,7 +346,7 @@ impl GridState {
         }
     }
 
-    /// Returns the state's colour: red, green, blue; the letter and the hatch give the same information.
+    /// Returns the state's colour: red, green, blue; the letter and the hatch contain the same information.
     pub fn state_color(self) -> [u8; 3] {
         match self {
             GridState::NotTested => [255, 255, 255],
@@ -363,7 +366,7 @@ impl GridState {
     }
 }
 
-/// The region with the state of each grid; `r1c1` is at the top left, as in the taught picture.
+/// The region with the state of each grid; `r1c1` is at the upper left, as in the taught picture.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct GridMap {
     /// Columns.
@@ -382,7 +385,7 @@ fn films(record: &CycleRecord) -> impl Iterator<Item = &Finding> {
     record.findings.iter().filter(|finding| is_valid_film(finding))
 }
 
-/// Returns the broken area of a grid in a film, mm²; `None` if the grid was not wholly seen.
+/// Returns the broken area of a grid in a film, mm²; `None` if the grid was not completely visible.
 fn broken_mm2(film: &Finding, grid: &str) -> Option<f64> {
     film.number(&format!("broken film in {grid}"))
 }
@@ -408,8 +411,8 @@ pub(super) fn map(record: &CycleRecord, rows: usize, columns: usize) -> GridMap 
     GridMap { columns, rows: (0..rows).map(row).collect() }
 }
 
-/// Returns a row for each grid that failed in any film: its name, the first film in which it failed, time to break,
-/// broken area, number of passes, the area in the last film, and the result.
+/// Returns a row for each grid that failed in any film: name, first film in which it failed, time to break, broken
+/// area, number of passes, area in the last film, and result.
 pub(super) fn failed_rows(record: &CycleRecord) -> Vec<Vec<String>> {
     let names: BTreeSet<(usize, usize, String)> = films(record)
         .flat_map(|film| film.names("failed"))
@@ -441,7 +444,7 @@ pub(super) fn failed_rows(record: &CycleRecord) -> Vec<Vec<String>> {
     names.into_iter().map(row).collect()
 }
 
-/// Returns the name of a film.
+/// Returns the printed name of a film.
 fn film_name(pass: u8) -> String {
     if pass == 0 { "first".to_owned() } else { format!("after pass {pass}") }
 }
@@ -473,19 +476,20 @@ fn format_with_unit(value: f64, unit: &str) -> String {
     format!("{} {unit}", fixed_decimals(value, decimals(value, unit))).trim_end().to_owned()
 }
 
-/// Returns an uncertainty with its two significant digits.
-pub(super) fn uncertainty(value: f64, unit: &str) -> String {
+/// Formats an uncertainty with two significant digits and its unit.
+pub(super) fn format_uncertainty(value: f64, unit: &str) -> String {
     let digits = if value > 0.0 { (1 - value.log10().floor() as i32).clamp(0, 4) as usize } else { 2 };
     format!("{} {unit}", fixed_decimals(value, digits))
 }
 
-/// Returns the number of decimals, from `decimals` to 4, with which a value that is not zero does not look like zero.
+/// Returns the number of decimals, at least `decimals` and at most 4, with which a value other than zero is not printed
+/// as zero.
 fn nonzero_decimals(value: f64, decimals: usize) -> usize {
     let looks_zero = |digits: usize| (value * 10_f64.powi(digits as i32)).round() == 0.0;
     if value == 0.0 { decimals } else { (decimals..4).find(|digits| !looks_zero(*digits)).unwrap_or(4) }
 }
 
-/// Formats a check as a row of the table of numbers: name, measured value, limit, source of the limit. If there is no
+/// Formats a check as a row of the table of values: name, measured value, limit, source of the limit. If there is no
 /// value, its column contains "not measured", and the limit is still stated.
 pub(super) fn row(check: &Check, of: &str) -> Vec<String> {
     let what = format!("{}{of}", check.name);
@@ -495,8 +499,8 @@ pub(super) fn row(check: &Check, of: &str) -> Vec<String> {
         Limit::AtLeast(limit) => ("≥ ", Some(limit)),
         Limit::Below(limit) => ("< ", Some(limit)),
     };
-    // The value and the limit have the same number of decimals: beside a limit of 0.99, a share of 1 is printed as
-    // 1.00. A limit is a stated number and is never rounded.
+    // The value and the limit are printed with the same number of decimals: beside a limit of 0.99, a fraction of 1 is
+    // printed as 1.00. A limit is a stated number and is never rounded.
     let of_bound = |bound: f64| decimals(bound, &check.unit).max(exact_decimals(bound));
     let of_value = |value: f64| nonzero_decimals(value, decimals(value, &check.unit));
     let decimals = check.value.map_or(0, of_value).max(bound.map_or(0, of_bound));

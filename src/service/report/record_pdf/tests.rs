@@ -1,4 +1,4 @@
-//! The page shows what the record contains, and it fits on one sheet.
+//! Tests that the page shows the content of the record, and that it fits on one sheet.
 
 use super::pdf::{FontFaces, PageElement, pages};
 use super::*;
@@ -26,7 +26,8 @@ fn judged(verdict: Verdict, words: &str) -> Judgement {
     Judgement { verdict, reasons }
 }
 
-/// A film of a region of 2 by 3 grids; for each grid the broken area, mm², or `None` if the grid was not seen.
+/// Returns the finding of a film of 2 by 3 grids; for each grid the broken area, mm², or `None` if the grid was not
+/// visible.
 fn film(pass: u8, verdict: Verdict, areas_mm2: [Option<f64>; 6]) -> Finding {
     let names = ["r1c1", "r1c2", "r1c3", "r2c1", "r2c2", "r2c3"];
     let mut finding = Finding::new(Kind::Inspect, pass, judged(verdict, "")).with_checks([Check::new(
@@ -85,8 +86,8 @@ fn record(findings: Vec<Finding>) -> CycleRecord {
     }
 }
 
-/// The first film broke on two grids. One of them was abraded and did not break again, the other broke again; a
-/// third grid was not seen.
+/// Returns two films. The first film broke on two grids. One of them was sanded and did not break again, the other
+/// broke again; a third grid was not visible.
 fn films() -> Vec<Finding> {
     vec![
         film(0, Verdict::Fail, [Some(0.0), Some(203.4), Some(45.0), Some(0.0), Some(1.25), Some(0.0)]),
@@ -125,7 +126,7 @@ fn rows<'s>(sheet: &'s RecordSheet, heading: &str) -> &'s [Vec<String>] {
     &block.unwrap_or_else(|| panic!("no {heading}")).rows
 }
 
-/// Calculated by hand from `films`; the invalid film gives no result for any grid.
+/// Expected results, determined by hand from `films`; the invalid film gives no result for any grid.
 #[test]
 fn the_map_shows_the_result_of_each_grid() {
     use GridState::{Failed, NotTested, Passed, PassedAfterAbrasion};
@@ -165,8 +166,8 @@ fn the_page_names_part_criteria_deviations_and_who_accepted_them() {
     assert_eq!(rows(&sheet, "Deviations")[1], ["decision", "no person decided"]);
 }
 
-/// A missing number is printed as "not measured" beside its limit. A number beyond its limit is printed so that it
-/// differs from the limit, and a small number so that it differs from zero.
+/// A missing value is printed as "not measured" beside its limit. A value beyond its limit is printed so that it
+/// differs from the limit, and a small value so that it differs from zero.
 #[test]
 fn numbers_and_limits_have_one_format() {
     let locate = |value: Option<f64>| {
@@ -204,7 +205,7 @@ fn the_line_to_sign_remains_until_a_person_has_decided() {
         rows(&sheet, "Signatures").iter().filter(|row| row[2] == "released / not released").count()
     };
     assert_eq!((lines(&[]), lines(&[signed(false)]), lines(&[signed(false), signed(true)])), (1, 1, 0));
-    // What the person states about the water is printed on the page; what no person states stays a blank.
+    // The statement of a person about the water is printed on the page; a value that no person stated remains blank.
     let water = StatedValues { water: Some("deionised, 21 °C".to_owned()), ..StatedValues::default() };
     let sheet = sheet(&record(films()), &[PrintedSignature { values: water, ..signed(true) }]);
     let fact = |name: &str| sheet.facts.iter().find(|(found, _)| found == name).map(|(_, value)| value.clone());
@@ -212,7 +213,7 @@ fn the_line_to_sign_remains_until_a_person_has_decided() {
     assert!(fact("abrasive: product, grit, lot").is_some_and(|text| text.starts_with('…')));
 }
 
-/// In the HTML, the text is escaped, and every state is shown by a letter and by lines, not by colour alone.
+/// In the HTML, the text is escaped, and every state is shown by a letter and by lines, not only by colour.
 #[test]
 fn the_map_is_readable_without_colour() {
     let html = html(&sheet(&record(films()), &[]));
@@ -220,7 +221,8 @@ fn the_map_is_readable_without_colour() {
     for letter in [">P<", ">A<", ">F<", ">–<"] {
         assert!(html.contains(letter), "{letter}");
     }
-    // Calculated by hand: the map has one A with one line and one F with two lines, and so has the legend.
+    // Expected number of lines, by hand: the map has one A with one line and one F with two lines, and so has the
+    // legend.
     assert_eq!(html.matches("<line").count(), 6);
 }
 
@@ -294,8 +296,8 @@ fn the_pdf_is_pdf_a_3_and_equal_for_the_same_record() {
     assert!(pdf(&sheet, &broken, &attached, 0).is_err(), "no JPEG");
 }
 
-/// Limits are printed as recipe and program state them: 0.995 does not become 0.99, and a window of 60 s at five
-/// pictures per second does not become 59.8 s.
+/// Limits are printed as they are stated in the recipe and the program: 0.995 is not printed as 0.99, and a window of
+/// 60 s at five pictures per second is not printed as 59.8 s.
 #[test]
 fn criteria_are_printed_as_they_are_stated() {
     let check = Check::new("coverage", "", 0.9981).with_min(0.995, LimitSource::Program);
@@ -313,14 +315,14 @@ fn criteria_are_printed_as_they_are_stated() {
     assert_eq!(criterion, Some("no grid with 30.0 mm² of broken film or more within 60.0 s"));
 }
 
-/// The signed record states what was abraded and requested, as the page does.
+/// The signed record contains the sanded grids and the requests, as the page does.
 #[test]
-fn the_annex_has_the_requests_and_what_was_abraded() {
+fn the_annex_contains_the_requests_and_the_sanded_grids() {
     let mut record = record(films());
     record.asked.push(RequestRecord { wanted: RequestedAction::NewDisc, ..record.asked[0].clone() });
     let sheet = sheet(&record, &[]);
     assert!(rows(&sheet, "What was abraded").iter().any(|row| row[0] == "r1c2" && row[1].starts_with("pass 1")));
-    // A grid beside the planned ones is listed with its share in each pass.
+    // A grid beside the planned ones is listed with its fraction under the disc in each pass.
     let beside = |pass: u8, share: f64| {
         let checks = [Check::new(name::overlapped_share("r1c3"), "", share)];
         Finding::new(Kind::Abrade, pass, judged(Verdict::Accept, "")).with_checks(checks)

@@ -1,4 +1,4 @@
-//! Removal by the plan of a taught panel, calculated with the functions that commands and the live loop use.
+//! Tests the removal by the plan of a taught panel, computed with the functions that commands and the live loop use.
 
 use super::*;
 use crate::stages::plan::{self, ReachStart};
@@ -43,8 +43,8 @@ fn scheduled_feeds_remove_the_target() {
     assert!(value(&checks, name::REMOVED_EVEN) < 20.0 && value(&checks, name::REMOVED_BOUND) < 50.0);
 }
 
-/// If the highest feed alone removes more than the target, the message names this feed as the one to change; the same
-/// applies to the lowest feed.
+/// If the maximum feed alone removes more than the target, the message names this feed as the one to change; the same
+/// applies to the minimum feed.
 #[test]
 fn the_message_names_the_feed_to_change() {
     let told = |feed_mm_s: f64, lowest_mm_s: f64| {
@@ -64,8 +64,8 @@ fn the_message_names_the_feed_to_change() {
     assert!(slow.contains("the lowest feed: lower min_feed_mm_s or raise force_n"), "{slow}");
 }
 
-/// Calculated by hand: the bound is e^(2.228 · √(0.02² + 0.03² + 0.0510²)) = 1.149 times the expected removal; the
-/// force is known to 10 %.
+/// Expected values, calculated by hand: the bound is e^(2.228 · √(0.02² + 0.03² + 0.0510²)) = 1.149 times the expected
+/// removal; the force is known to 10 %.
 #[test]
 fn a_removal_that_may_be_too_deep_is_rejected() {
     let (verdict, codes, checks) = planned(
@@ -91,7 +91,8 @@ fn removal_by_earlier_cycles_is_added() {
     assert_eq!((unknown.0, unknown.1), (Verdict::Review, vec!["earlier_unknown".to_owned()]));
 }
 
-/// Calculated by hand: at 120 mm/s and with a step-over of 12 mm, about 4·10⁻⁴ · 20 · 2618 / (120 · 12) = 14.5 µm.
+/// Expected value, calculated by hand: at 120 mm/s and with a step-over of 12 mm, about 4·10⁻⁴ · 20 · 2618 / (120 · 12)
+/// = 14.5 µm.
 #[test]
 fn a_constant_feed_is_kept_and_its_removal_is_reported() {
     let (_, codes, checks) = planned(TABLE, Some(NO_WEAR_MODEL), EarlierRemoval::default());
@@ -103,7 +104,7 @@ fn a_constant_feed_is_kept_and_its_removal_is_reported() {
     assert!(verdict == Verdict::Accept && !checks.iter().any(|check| check.name.contains("remov")));
 }
 
-/// An air-run removes nothing: no limit of the part is a reason of its verdict, and no row shows a violated limit.
+/// An air-run removes no material: no limit of the part is a reason of its verdict, and no row shows a violated limit.
 #[test]
 fn removal_is_no_reason_of_an_air_run() {
     let recipe = recipe(Shape::Sphere, &format!("[path]\nfeed_mm_s = 120\n{TABLE}"));
@@ -129,8 +130,8 @@ fn removal_is_no_reason_of_an_air_run() {
     }
 }
 
-/// By hand: k·p is proportional to the force, so half of the force along the path removes half as much. Without a
-/// measurement, the recipe's force is used.
+/// Expected value, by hand: k·p is proportional to the force, so half of the force along the path removes half of the
+/// depth. Without a measurement, the recipe's force is used.
 #[test]
 fn the_measured_force_determines_the_removal() {
     let recipe = recipe(Shape::Sphere, &format!("[path]\nfeed_mm_s = 120\n{TABLE}"));
@@ -157,8 +158,8 @@ fn waypoint(x_mm: f64) -> Waypoint {
     Waypoint { panel_from_tool: pose.to_rigid(), contact: true, feed_mm_s: 60.0, blend_mm: 2.0 }
 }
 
-/// Calculated by hand: of four moves of 10 mm, the first has 5 mm/s, the lowest feed, and the last two have 60 mm/s,
-/// the highest feed.
+/// Expected fractions, calculated by hand: of four moves of 10 mm, the first has the minimum feed of 5 mm/s, and the
+/// last two have the maximum feed of 60 mm/s.
 #[test]
 fn shares_of_the_path_at_each_feed_limit() {
     let recipe = recipe(
@@ -169,7 +170,7 @@ fn shares_of_the_path_at_each_feed_limit() {
     let feeds = [30.0, 5.0, 30.0, 60.0, 60.0];
     let at = |index: usize| Waypoint { feed_mm_s: feeds[index], ..waypoint(10.0 * index as f64) };
     let all: Vec<Waypoint> = (0..5).map(at).collect();
-    let found = FeedLimitShares::compute(&all, asked, recipe.path());
-    assert_eq!(found, FeedLimitShares { lowest: 0.25, highest: 0.5 });
-    assert_eq!(FeedLimitShares::compute(&[], asked, recipe.path()), FeedLimitShares::default());
+    let found = FeedLimitFractions::compute(&all, asked, recipe.path());
+    assert_eq!(found, FeedLimitFractions { lowest: 0.25, highest: 0.5 });
+    assert_eq!(FeedLimitFractions::compute(&[], asked, recipe.path()), FeedLimitFractions::default());
 }

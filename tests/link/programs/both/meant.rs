@@ -1,19 +1,19 @@
-//! Allowed differences between the model and the programs, and which of them are intended.
+//! The limits of differences between the model and the programs, and the intended differences.
 
 use super::EpochTrace;
 use super::script::{Disturbance, Part, STEP_MM};
 use panelprep::devices::mock::{ExecutedMotion, Fault};
 
-/// Allowed difference in the number of motions that were executed before a stop. The watchdogs of the model and of the
+/// Maximum difference in the number of motions that were executed before a stop. The watchdogs of the model and of the
 /// programs may have received different last messages, so that the two stops are up to 0.3 s apart.
 const MAX_COUNT_DIFFERENCE: usize = 8;
 /// Number of motions that the client sends ahead.
 const WINDOW: usize = 50;
-/// Limit of the difference at a rounded corner, mm. A corner that was not planned in time is passed exactly, so that
-/// one path is rounded there and the other is not.
+/// Maximum difference at a rounded corner, mm. A corner that was not planned in time is passed exactly, so that one
+/// path is rounded there and the other is not.
 const MAX_CORNER_DIFFERENCE_MM: f64 = 0.4 * STEP_MM + 0.01;
 
-/// Kinds of permitted differences.
+/// The kinds of differences.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Kind {
     Opened,
@@ -31,10 +31,10 @@ pub enum Kind {
     Place,
 }
 
-/// An epoch of a script on the model and on the programs.
+/// One epoch of a script, on the model and on the programs.
 pub struct Both<'a> {
     pub part: &'a Part,
-    /// Whether the scheduler starves the interpreters.
+    /// Whether the scheduler delays the interpreters.
     pub adverse: bool,
     pub model: EpochTrace,
     pub programs: EpochTrace,
@@ -71,7 +71,7 @@ impl Both<'_> {
         self.part.wrong.is_some_and(|(_, disturbance)| which(disturbance))
     }
 
-    /// Returns whether one side receives nothing from the other for a while.
+    /// Returns whether one side receives nothing from the other side for some time.
     fn is_silent(&self) -> bool {
         use Fault::{Mute, NoAcks, Stall, Unplug};
         self.is_wrong(|disturbance| match disturbance {
@@ -89,8 +89,8 @@ impl Both<'_> {
     }
 }
 
-/// A difference between model and programs that is intended.
-pub struct Meant {
+/// An intended difference between model and programs.
+pub struct IntendedDifference {
     pub name: &'static str,
     /// The number of a script that shows the difference.
     pub shown_by: u64,
@@ -99,9 +99,9 @@ pub struct Meant {
     pub is_it: fn(&Both<'_>) -> bool,
 }
 
-/// All differences that are allowed, apart from the time at which something happens.
-pub const MEANT: [Meant; 4] = [
-    Meant {
+/// All intended differences, apart from the time at which events occur.
+pub const INTENDED_DIFFERENCES: [IntendedDifference; 4] = [
+    IntendedDifference {
         name: "which message tells of a stop first",
         shown_by: 3,
         reason: "one stop is reported by an acknowledgement that refuses and by a state; the model sends both in one act, the \
@@ -120,14 +120,14 @@ pub const MEANT: [Meant; 4] = [
                 })
         },
     },
-    Meant {
+    IntendedDifference {
         name: "whose watchdog ends the epoch",
         shown_by: 26,
         reason: "client and controller both count 400 ms of silence, each from the last message that it has heard",
         kinds: &[Kind::Why],
         is_it: |both| both.whys(&["watchdog", "by the program"]) && both.is_silent(),
     },
-    Meant {
+    IntendedDifference {
         name: "what was sent before the silence",
         shown_by: 464,
         reason: "the client sends a second of motion ahead by what it was told last; in a silence the robot executes what it has",
@@ -136,7 +136,7 @@ pub const MEANT: [Meant; 4] = [
             both.is_silent() && both.model.executed.len().abs_diff(both.programs.executed.len()) <= WINDOW
         },
     },
-    Meant {
+    IntendedDifference {
         name: "a starved interpreter comes too late",
         shown_by: 715,
         reason: "the scheduler gives it a few statements a tick for up to 1.5 s: the client's watchdog misses an answer, or \

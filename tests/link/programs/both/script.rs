@@ -1,4 +1,4 @@
-//! Scripts: epochs of commands, and the disturbances at certain points of them.
+//! Scripts: epochs of commands, and disturbances at certain points of these epochs.
 
 use super::super::super::cell::{self, Side, pass, sanding_tool, speed};
 use panelprep::devices::mock::{ConnectionSide as End, Fault, Mode};
@@ -21,14 +21,14 @@ pub enum Disturbance {
     Foreign,
 }
 
-/// The time of an event of a script.
+/// The point of an epoch at which an event of a script occurs.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Moment {
     /// Before the epoch's first command is sent.
     First,
     /// After this number of executed motions.
     Behind(usize),
-    /// After all commands are done, while the epoch is still open.
+    /// After all commands are executed, while the epoch is still open.
     Last,
 }
 
@@ -121,7 +121,7 @@ pub fn wrong(draw: &mut Pcg64, motions: usize) -> (Moment, Disturbance) {
     let moment = match draw.random_range(0..10) {
         0 => Moment::First,
         1 => Moment::Last,
-        // The moment is early enough that each disturbance is noticed before the end.
+        // The point is early enough that each disturbance takes effect before the end.
         _ => Moment::Behind(draw.random_range(1..motions / 4)),
     };
     (moment, disturbance)

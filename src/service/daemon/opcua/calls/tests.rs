@@ -1,4 +1,4 @@
-//! Tests calls up to the service's requests; a queue replaces the loop.
+//! Tests method calls up to the requests to the service; a queue replaces the loop.
 
 use super::*;
 use crate::daemon::gateway::InterfaceContext;
@@ -67,7 +67,7 @@ impl SetupSource for Source {
     }
 }
 
-/// The calls, and the requests that reached the loop.
+/// Test bench: the calls, and the requests that reached the loop.
 struct Cell {
     calls: Calls,
     asked: Arc<Mutex<Vec<String>>>,
@@ -135,8 +135,8 @@ fn status(outcome: &CallOutcome) -> StatusCode {
     }
 }
 
-/// Calls every method with every role and without an account: permitted calls reach the loop under the caller's name,
-/// the others never reach it.
+/// Calls every method with every role and without an account: permitted calls reach the loop with the caller's name;
+/// other calls never reach it.
 #[tokio::test]
 async fn each_method_reaches_the_loop_as_the_table_states() {
     for method in METHODS {
@@ -174,12 +174,13 @@ async fn each_method_reaches_the_loop_as_the_table_states() {
                 method.name
             );
             let expected = match method.command {
-                // An acknowledgement makes no request to the loop.
+                // An acknowledgement sends no request to the loop.
                 Command::AcknowledgeAlarm => vec![],
                 _ if is_allowed => vec![format!("{word} by {who}, through OPC UA")],
                 _ => vec![],
             };
-            // This cell has no files, so the loop receives a start that is not prepared and for which no client waits.
+            // The test cell has no files, so the loop receives a start that is not prepared and for which no client
+            // waits.
             let since = Instant::now();
             while cell.asked() != expected && since.elapsed() < Duration::from_secs(5) {
                 thread::sleep(Duration::from_millis(5));
@@ -207,7 +208,7 @@ async fn wrong_arguments_cause_no_request() {
         ("Hold", vec![text("now")]),
         ("Unhold", vec![]),
         ("Unhold", vec![text("true"), Variant::from(7_u32)]),
-        // Refused: a person's decision must state the step, as an unsigned number.
+        // Refused, because a decision must contain the number of the step, as an unsigned integer.
         ("Unhold", vec![Variant::from(true)]),
         ("Accept", vec![]),
         ("Clear", vec![]),
@@ -216,7 +217,7 @@ async fn wrong_arguments_cause_no_request() {
         ("Start", vec![text("door.toml"), text(&hash), Variant::from(7_i32), text(""), no()]),
         ("Start", vec![text("door.toml"), text(&hash), text("a\nb"), text(""), no()]),
         ("Start", vec![text("../cell.toml"), text(&hash), text(""), text(""), no()]),
-        // Refused: a start with the hash of another recipe than the chosen one, and a start without a hash.
+        // Refused: a start with the hash of another recipe, and a start without a hash.
         ("Start", vec![text("door.toml"), text(&"0".repeat(64)), text(""), text(""), no()]),
         ("Start", vec![text("door.toml"), text(""), text(""), text(""), no()]),
         ("AcknowledgeAlarm", vec![text("1/none/2")]),
@@ -227,7 +228,7 @@ async fn wrong_arguments_cause_no_request() {
         let refusal = cell.calls.last_refusal().expect("it is reported");
         assert_eq!((refusal.method, refusal.user.as_str()), (name, "engineer"));
     }
-    // Only refused starts reach the loop, for the record: those whose recipe is unknown or has changed.
+    // Refused starts reach the loop only to be recorded: those with an unknown or changed recipe.
     let since = Instant::now();
     while cell.asked().len() < 3 && since.elapsed() < Duration::from_secs(20) {
         tokio::task::yield_now().await;
@@ -253,7 +254,7 @@ async fn excess_calls_do_not_reach_the_loop_and_give_one_line() {
         .filter(|line| line.refused.as_deref() == Some("too many calls in a short time"))
         .count();
     assert_eq!(floods, 1);
-    // Another person's calls are still accepted, and a stop always is.
+    // Calls of another person are still accepted, and stops are always accepted.
     assert_eq!(status(&cell.call("Hold", &[], Some(Role::Engineer)).await), StatusCode::Good);
     assert_eq!(status(&cell.call("Stop", &[], Some(Role::Operator)).await), StatusCode::Good);
     let before = cell.asked().len();
@@ -266,7 +267,8 @@ async fn excess_calls_do_not_reach_the_loop_and_give_one_line() {
     assert!(aborts >= 1 && aborts as u128 <= most, "{aborts} of at most {most}");
 }
 
-/// A refused stop is not the answer to the next stop: the next one is requested again, even immediately after it.
+/// The reply to a refused stop is not used for the next stop: the next stop is requested again, even immediately after
+/// the refusal.
 #[tokio::test]
 async fn only_an_executed_stop_answers_the_next_one() {
     let cell = Cell::new();
@@ -319,8 +321,8 @@ fn a_text_is_plain_and_short() {
     assert_eq!(text(&Variant::from(7_i32)), None);
 }
 
-/// Calculated by hand: 20 calls are accepted at once, and 10 more after 2 s; another caller is not affected; the excess
-/// is reported once a minute.
+/// Expected values, calculated by hand: 20 calls are accepted at once, and 10 more after 2 s. Another caller is not
+/// affected. The excess is reported once a minute.
 #[test]
 fn calls_above_the_limit_are_refused_and_reported_once() {
     let mut flood = CallLimiter::default();

@@ -1,4 +1,5 @@
-//! The scripted cell: its setup, the functions that run, serve and replay one of its cycles, and the result of a cycle.
+//! The scripted cell: its settings, the functions that run, serve and replay one of its cycles, and the result of a
+//! cycle.
 
 mod record;
 mod robot;
@@ -32,19 +33,19 @@ const CELL: &str = "[poses]\npark = { a1_deg = -120, a2_deg = -75, a3_deg = 110,
      [io.outputs]\nlight = 1\nspray = 2\nlens_shutter = 3\nextraction = 4\ntool = 5\n\
      [io.feedbacks]\nwater_off = 1\nlens_shut = 2\nextraction_flow = 3\ntool_running = 4\nlight_on = 5\n";
 
-/// The settings of a cell before its cycle.
+/// The settings of a scripted cell before its cycle.
 pub struct Cell {
     world: Shared,
     box_to_mm: f64,
     fails_at: usize,
     is_full: bool,
-    /// The number of writes after which the disk is full; see `fills_at` of the record.
+    /// Number of writes after which the disk is full; see `fills_at` of the record.
     pub fills_at: Option<usize>,
     /// Additional tables at the end of the recipe.
     pub more_recipe: &'static str,
     /// Numbers of rows and columns of grids, if they differ from those of the simulated region.
     pub grids: Option<[usize; 2]>,
-    /// Additional names at the end of the cell's outputs and of its feedbacks.
+    /// Additional names at the end of the cell's outputs, and of its feedbacks.
     pub more_io: [&'static str; 2],
     /// Additional tables at the end of the cell's file.
     pub more_cell: &'static str,
@@ -52,11 +53,11 @@ pub struct Cell {
     pub worn_mm2: f64,
     /// The removal model of the disc, if it is calibrated.
     pub removal: Option<Model>,
-    /// Earlier abrasions of the panel.
+    /// Earlier sanding passes over the panel.
     pub earlier: Vec<EarlierPass>,
-    /// The folder in which the service's orders are to be recorded.
+    /// The folder in which the cycles of the service are recorded for replay, if any.
     pub record: Option<PathBuf>,
-    /// Whether time passes by itself, and not only while the loop waits for the robot.
+    /// Whether time passes continuously, and not only while the loop waits for the robot.
     pub by_the_wall: bool,
 }
 
@@ -105,7 +106,7 @@ impl Cell {
         self
     }
 
-    /// Returns the cell with a panel that is as greasy after an abrasion as before.
+    /// Returns the cell with a panel that is as greasy after sanding as before.
     pub fn whose_panel_stays_greasy(self) -> Self {
         self.world.borrow_mut().stays_greasy = true;
         self
@@ -133,26 +134,26 @@ impl Cell {
         self
     }
 
-    /// Returns the cell with an arm that needs this time to come to rest after an abort, ms.
+    /// Returns the cell with an arm that needs this time to stop after an abort, ms.
     pub fn that_brakes_for(self, ms: u64) -> Self {
         self.world.borrow_mut().brakes_ms = ms;
         self
     }
 
-    /// Returns the cell with a robot that needs this time for a waypoint of a contact path, ms.
+    /// Returns the cell with a robot that needs this time for each waypoint of a contact path, ms.
     pub fn whose_contact_takes(self, ms: u64) -> Self {
         self.world.borrow_mut().contact_round_ms = ms;
         self.step_by_step()
     }
 
-    /// Returns the cell with a robot that reports a wrong TCP position on a contact path: it is off by this distance,
+    /// Returns the cell with a robot that reports a wrong TCP position on a contact path: this distance off the path,
     /// mm, from the first to the second of these waypoints.
     pub fn that_is_off_plan(self, mm: f64, waypoints: [u32; 2]) -> Self {
         self.world.borrow_mut().off_plan = Some((mm, waypoints));
         self
     }
 
-    /// Returns the cell with a dead feedback: this bit of `In` reads off from this waypoint in contact on.
+    /// Returns the cell with a dead feedback: this bit of `In` is off from this waypoint in contact on.
     pub fn whose_feedback_is_dead(self, bit: u32, from: u32) -> Self {
         self.world.borrow_mut().dead_feedback = Some((bit, from));
         self
@@ -211,7 +212,7 @@ impl Cell {
         setup(&cell, &recipe, &taught, calibrations)
     }
 
-    /// Serves until `asks` requests to leave; `cameras` may enclose the cell's own cameras.
+    /// Serves requests until `asks` requests to leave; `cameras` may wrap the cell's own cameras.
     pub fn serve<E: CameraPort + Send + 'static>(
         &self,
         cameras: impl FnOnce(FakeCameras) -> E,
@@ -248,12 +249,12 @@ impl Cell {
         record
     }
 
-    /// Returns the executor of this cell's computing work with the wall clock.
+    /// Returns the executor of this cell's computing actions, with the wall clock.
     pub fn computing(&self) -> Computing<'static> {
         computing(Box::new(FakeCameras::new(self.world.clone())), vec![], false)
     }
 
-    /// Returns a function that replaces the mock by a real controller, with the boot id of one.
+    /// Returns a function that replaces the mock controller by a real controller, with the boot ID of a real one.
     pub fn becomes_real(&self) -> impl Fn() + use<> {
         let world = self.world.clone();
         move || world.borrow_mut().boot = 820_000_000
@@ -268,8 +269,8 @@ impl Cell {
         }
     }
 
-    /// Returns a function that ends the epoch before the next command, like a stop that was sent to the robot before
-    /// the loop has processed it. The function returns true after the command was received.
+    /// Returns a function that ends the epoch before the next command, as a stop does that reaches the robot before the
+    /// loop has processed it. The function returns true after the command was received.
     pub fn stops_before_a_command(&self) -> impl FnMut() -> bool + use<> {
         let world = self.world.clone();
         let mut has_stopped = false;
@@ -310,7 +311,7 @@ impl Cell {
         (ended.unwrap_or_else(|error| panic!("{error}: {played:?}")), played)
     }
 
-    /// Returns a prepared cycle.
+    /// Returns a cycle of this cell that is ready to begin.
     pub fn prepared(&self) -> PreparedCycle {
         let calibrations = calibrations(&self.world.borrow().sim, self.removal);
         let start = CycleStart {
@@ -381,7 +382,7 @@ impl Cell {
 
 fn computing(cameras: Box<dyn CameraPort + Send>, readable: Vec<Reason>, lock_step: bool) -> Computing<'static> {
     let keep = Box::new(|_: &panelprep_base::geometry::ColorPicture| {
-        // Pictures are never stored on the loop's thread, since this would delay its deadlines and its watchdog.
+        // Pictures are never stored on the loop's thread, because this would delay its deadlines and its watchdog.
         assert_eq!(std::thread::current().name(), Some("computing"));
         Ok(Some(String::new()))
     });
@@ -395,7 +396,7 @@ fn computing(cameras: Box<dyn CameraPort + Send>, readable: Vec<Reason>, lock_st
     .expect("a thread")
 }
 
-/// The result of a run.
+/// The result of a run of the scripted cell.
 pub struct Story {
     pub outcome: LoopOutcome,
     pub truth: CellTruth,
@@ -421,11 +422,11 @@ pub struct Story {
     pub asked: Vec<RequestRecord>,
     pub clocks: Vec<Clock>,
     pub moved_without_intent: usize,
-    /// Distance of each point of contact in front of the true panel, mm.
+    /// Distance of each contact point in front of the true panel, mm.
     pub contact_off_mm: Vec<f64>,
     /// Each base that was set, in order.
     pub bases: Vec<panelprep_base::geometry::KukaPose>,
-    /// The times at which output 6 was set, with its values, ms, and the time at which the arm first moved.
+    /// The times at which output 6 was set, with its values, ms, and the time at which the arm first moved, ms.
     pub warning_ms: (Vec<(u64, bool)>, Option<u64>),
 }
 
@@ -435,7 +436,7 @@ impl Story {
         self.findings.iter().map(|finding| finding.kind).collect()
     }
 
-    /// Returns the closed motions along this path.
+    /// Returns the completed motions along this path.
     pub fn motions(&self, path: Path) -> Vec<(Motion, Outcome, u32)> {
         let closed = self.intents.iter().filter(|(motion, _)| motion.path == path);
         closed.filter_map(|(motion, end)| end.map(|(outcome, done)| (*motion, outcome, done))).collect()

@@ -1,4 +1,4 @@
-//! A record in memory that can refuse to write, and a requester that follows a script.
+//! A record in memory that can refuse to write, and a source of requests that follows a script.
 
 use super::Shared;
 use crate::daemon::*;
@@ -20,7 +20,7 @@ pub struct Memory {
     pub writes: usize,
     pub(super) cycles: i64,
     pub is_full: bool,
-    /// Number of writes after which the disk is full; `None` if the disk never fills.
+    /// Number of writes after which the disk is full; `None` if the disk is never full.
     pub fills_at: Option<usize>,
     pub(super) lacks_room: bool,
     pub worn_mm2: f64,
@@ -35,7 +35,7 @@ pub struct Memory {
     pub budget: Budget,
     pub intents: Vec<(Motion, Option<(Outcome, u32)>)>,
     pub events: Vec<Event>,
-    /// Each contact path with the numbers of waypoints permitted on it, in order of time.
+    /// Each contact path with the numbers of waypoints that were permitted on it, ordered by time.
     pub contacts: Vec<(ContactPath, Vec<u32>)>,
     pub earlier: Vec<EarlierPass>,
     pub asked: Vec<RequestRecord>,
@@ -117,7 +117,7 @@ impl Port<RecordCommand> for Memory {
             }
             RecordCommand::Begin(_) => {
                 self.cycles += 1;
-                // The new cycle has a new panel, which is dry and as greasy as the last one.
+                // The panel of the new cycle is dry and as greasy as the last one.
                 let mut world = self.world.borrow_mut();
                 (world.water_off_ms, world.rubbed, world.healed) = (0, 0, false);
                 drop(world);
@@ -131,7 +131,7 @@ impl Port<RecordCommand> for Memory {
             }
             RecordCommand::MountDisc => self.worn_mm2 = 0.0,
             RecordCommand::Check => {
-                // Space is made as soon as a check has reported that there is none.
+                // There is free space again after a check has reported that there is none.
                 let lacks_room = self.is_full || std::mem::take(&mut self.lacks_room);
                 let full = || vec![Reason::new("disk_full", "no room")];
                 return Ok(RecordAnswer::Wrong(if lacks_room { full() } else { vec![] }));
@@ -157,15 +157,15 @@ impl Memory {
     }
 }
 
-/// Maximum number of the loop's iterations; a cycle needs fewer.
+/// Maximum number of iterations of the loop; a cycle needs fewer.
 const MAX_ITERATIONS: usize = 200_000;
 
 type When = Box<dyn Fn(&State) -> bool>;
 
-/// Makes each request once, in order, when its condition is satisfied; requests to leave when nothing more can happen.
+/// Sends each request once, in order, when its condition is satisfied; requests to leave when nothing more can happen.
 pub struct Asks {
     script: VecDeque<(When, cycle::Request)>,
-    /// The request that is made in every iteration while a cycle runs. The next field counts these requests.
+    /// The request that is sent in every iteration while a cycle is running. The next field counts these requests.
     flood: Option<cycle::Request>,
     asked: usize,
     pub refusals: Vec<(cycle::Request, Refusal)>,

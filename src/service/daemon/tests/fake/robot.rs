@@ -1,4 +1,4 @@
-//! A robot that executes a fixed number of its commands in each tenth of a second.
+//! A simulated robot that executes a fixed number of its commands every 100 ms.
 
 use super::super::super::*;
 use super::{Shared, World};
@@ -106,7 +106,7 @@ impl World {
         }
     }
 
-    /// Returns the bits of `In` that read off, whatever the true states are.
+    /// Returns the bits of `In` that are off, whatever the true states are.
     fn dead_feedbacks(&self) -> u32 {
         self.dead_feedback.filter(|(_, from)| self.in_contact >= *from).map_or(0, |(bit, _)| 1 << bit)
     }
@@ -133,8 +133,8 @@ pub struct FakeRobot {
 impl Port<RobotCommand> for FakeRobot {
     fn perform(&mut self, command: RobotCommand) -> RobotAnswer {
         if let (RobotCommand::Next, true) = (&command, self.by_the_wall) {
-            // Ten times as fast as the robot's clock: a background computation takes some of these iterations, and is
-            // not late on a busy machine.
+            // Ten times as fast as the robot's clock: a background computation lasts for some of these iterations, and
+            // is not late on a busy machine.
             std::thread::sleep(std::time::Duration::from_millis(10));
         }
         let mut world = self.world.borrow_mut();
@@ -222,7 +222,7 @@ impl World {
     }
 }
 
-/// Returns the state of a robot at rest, drives on, guard closed, in EXT.
+/// Returns the state of a stationary robot with drives on, guard closed, in EXT.
 pub fn standing_state() -> eki::State {
     eki::State {
         time_ms: 0,

@@ -1,4 +1,4 @@
-//! The compliant tool of the scripted cell on the true panel, and a cell just before its contact path.
+//! The compliant tool of the scripted cell on the true panel, and a cell that is just before its contact path.
 
 use super::super::super::*;
 use super::{Asks, Cell, FakeCameras, FakeRobot, Memory, Shared, World};
@@ -37,9 +37,9 @@ impl Surroundings for FakePanel {
         if world.in_contact < from {
             return None;
         }
-        // The mock assumes this state for the whole time since the last call.
+        // The mock tool assumes this state for the whole time since the last call.
         let since_ms = world.time_ms - 100;
-        // When the disc has left the panel, the contact time begins again at the next touch.
+        // After the disc has left the panel, the contact time begins again at the next contact.
         let rubs = world.rubs && world.outputs.get(&5) == Some(&true);
         if world.tool_off_ms.is_none() {
             world.rubs_since_ms = rubs.then(|| world.rubs_since_ms.unwrap_or(since_ms));
@@ -83,19 +83,19 @@ pub struct AtContact {
     robot_state: Option<panelprep_kuka::eki::State>,
 }
 
-/// The end of a contact path.
+/// The result of a contact path.
 pub struct Ended {
     pub state: State,
     pub findings: Vec<Finding>,
-    /// Time from the fault, or from the first touch after it, until the tool was off, ms; `None` if the disc did not
-    /// touch any more.
+    /// Time from the injected fault, or from the first contact after it, until the tool was off, ms; `None` if there
+    /// was no contact after the fault.
     pub took_ms: Option<u64>,
-    /// Number of executed waypoints with which the motion was closed.
+    /// Number of executed waypoints at the end of the motion.
     pub done: Option<u32>,
 }
 
 impl AtContact {
-    /// Runs a cycle up to the beginning of the contact path.
+    /// Runs a cycle up to the beginning of its contact path.
     pub fn new(cell: Cell) -> Self {
         let setup = Arc::new(cell.setup());
         let mut record = Memory { fails_at: usize::MAX, ..Memory::default_of(&cell.world) };
@@ -126,14 +126,14 @@ impl AtContact {
         self.state.job.waypoints
     }
 
-    /// Runs the path with a tool that has this fault after `from` lines of the path are executed.
+    /// Runs the path with a tool into which this fault is injected after `from` lines of the path are executed.
     pub fn run(&self, from: u32, fault: Option<ToolFault>) -> Ended {
         let mut world = World { tool_fault: fault.map(|fault| (from, fault)), ..self.world.clone() };
         world.time_ms += 100;
         let world = Shared::new(world);
         let mut record = Memory { fails_at: usize::MAX, ..Memory::default_of(&world) };
         let (mut robot, mut asks) = (FakeRobot { world: world.clone(), by_the_wall: false }, Asks::one_cycle());
-        // Some readings come first, as if the tool had been connected for a long time.
+        // Some measured values are sent first, as if the tool had been connected for a long time.
         let mut tool = simulated(&self.cell, &world).expect("a compliant tool");
         for _ in 0..3 {
             tool.next_report();

@@ -25,9 +25,9 @@ const START: Joints =
 /// The true state of the cell.
 #[derive(Clone)]
 pub(super) struct World {
-    /// The fault of the tool, and the number of executed lines of the contact path after which it occurs.
+    /// The injected fault of the tool, and the number of executed lines of the contact path after which it occurs.
     pub(super) tool_fault: Option<(u32, ToolFault)>,
-    /// The time since when the disc has been rubbing without interruption while the tool has its fault, ms.
+    /// The time since which the disc has been rubbing continuously while the tool has its injected fault, ms.
     pub(super) rubs_since_ms: Option<u64>,
     /// The time at which the end of an epoch switched the tool off, ms.
     pub(super) tool_off_ms: Option<u64>,
@@ -41,15 +41,15 @@ pub(super) struct World {
     pub(super) next_id: u32,
     pub(super) done: u32,
     pub(super) queue: VecDeque<(u32, Command)>,
-    /// The last command that may be executed.
+    /// The number of the last command that may be executed.
     pub(super) let_go: Option<u32>,
-    /// Waypoints of the contact path that the record permits. `in_contact` counts those that were executed, and
-    /// `beyond` those that were not permitted.
+    /// Number of waypoints of the contact path that the record permits. `in_contact` counts the executed ones, and
+    /// `beyond` those executed without permission.
     pub(super) permitted: u32,
     pub(super) in_contact: u32,
-    /// Whether the link is lost when the arm is clearly in contact.
+    /// Whether the connection is lost when the arm is clearly in contact.
     pub(super) loses_link: bool,
-    /// The bit of a feedback that reads off, and the waypoint in contact at which this begins.
+    /// The bit of a feedback that is off, and the waypoint in contact from which it is off.
     pub(super) dead_feedback: Option<(u32, u32)>,
     /// Whether no controller answers until the next state is received.
     pub(super) is_lost: bool,
@@ -58,7 +58,7 @@ pub(super) struct World {
     pub(super) pace: usize,
     /// Time between two states of the robot on a contact path, ms; elsewhere it is 100.
     pub(super) contact_round_ms: u64,
-    /// Time for which the arm still moves after an abort, ms; `brakes_until_ms` is the time at which it is at rest.
+    /// Time for which the arm still moves after an abort, ms; `brakes_until_ms` is the time at which it stops.
     pub(super) brakes_ms: u64,
     pub(super) brakes_until_ms: u64,
     /// The deviation of the reported TCP on a contact path, mm, and the first and last waypoint at which it occurs.
@@ -74,9 +74,9 @@ pub(super) struct World {
     pub(super) water_off_ms: u64,
     pub(super) rubbed: usize,
     pub(super) healed: bool,
-    /// Whether abrasion removes no grease.
+    /// Whether sanding removes no grease.
     pub(super) stays_greasy: bool,
-    /// The angle by which the panel rotates about its first corner when it is wet.
+    /// The angle by which the panel rotates about its first corner when it is wet, degrees.
     pub(super) turns_when_wet_deg: f64,
     pub(super) waypoints: usize,
     pub(super) reports: VecDeque<Report>,
@@ -85,17 +85,17 @@ pub(super) struct World {
     pub(super) blends_mm: Vec<f64>,
     pub(super) intent: Option<Motion>,
     pub(super) moved_without_intent: usize,
-    /// The times at which output 6 was set, with its values, ms. The next field has the time at which the arm first
-    /// moved.
+    /// The times at which output 6 was set, with its values, ms. The next field contains the time at which the arm
+    /// first moved.
     pub(super) warning_ms: Vec<(u64, bool)>,
     pub(super) first_move_ms: Option<u64>,
-    /// Distance of each point of contact in front of the true panel, mm.
+    /// Distance of each contact point in front of the true panel, mm.
     pub(super) contact_off_mm: Vec<f64>,
     /// The state of input 6, the selector switch.
     pub(super) is_local: bool,
-    /// The boot id that the controller reports.
+    /// The boot ID that the controller reports.
     pub(super) boot: i32,
-    /// Whether a stop that was sent directly has ended the epoch before the next command arrived.
+    /// Whether a directly sent stop has ended the epoch before the next command arrived.
     pub(super) is_overtaken: bool,
     /// Number of commands that arrived when no epoch was open.
     pub(super) unsent: u32,
@@ -160,7 +160,7 @@ impl World {
     }
 }
 
-/// The simulated world, shared by the thread of the loop and the thread that computes.
+/// The simulated world, shared by the thread of the loop and the computing thread.
 #[derive(Clone)]
 pub(super) struct Shared(Arc<Mutex<World>>);
 
@@ -180,7 +180,7 @@ impl Shared {
 
 pub struct FakeCameras {
     world: Shared,
-    /// The time at which the film began, its picture rate, and the number of its pictures that were taken.
+    /// The time at which the film began, its picture rate, and the number of captured pictures.
     film: Option<(u64, f64, u32)>,
 }
 
@@ -257,7 +257,7 @@ impl FakeCameras {
 
 pub type TaughtHere = (TaughtPanel, Vec<TaughtCorner>);
 
-/// Returns the setup of a cycle of this cell.
+/// Returns the data of a cycle of this cell.
 pub fn setup(cell: &cell::Cell, recipe: &Recipe, taught: &TaughtHere, calibrations: Calibrations) -> CycleSetup {
     let cell = Arc::new(CellSetup::new(cell).expect("complete"));
     CycleSetup::new(cell, recipe.clone(), taught.clone(), (calibrations, LensExtent::default())).expect("a corner")
@@ -285,7 +285,7 @@ pub(super) fn taught(sim: &sim::Cell, (more_recipe, grids): (&str, Option<[usize
         let picture = sim.flange_picture(&view.base_from_flange, PanelPosition::Nominal).to_gray();
         let base_from_camera = view.base_from_flange * sim.calibrated_flange_from_camera();
         let panel_from_camera = panel.nominal_pose.inverse() * base_from_camera;
-        // The simulator's panel frame is the base at the nominal pose, whatever the recipe states.
+        // In the simulator, the panel frame is the base at the nominal pose, whatever the recipe states.
         let corner = panel_from_base_at_teaching().inverse() * view.corner;
         let depth_mm = (base_from_camera.inverse() * corner).mm.z;
         let (settings, px_per_mm) = (recipe.corner(), camera.px_per_mm_at(depth_mm).0);

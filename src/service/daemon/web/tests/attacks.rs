@@ -1,4 +1,4 @@
-//! The attacks that OWASP lists for such a page, each as a test; and the page's own server: its address, and
+//! One test for each attack that OWASP lists for such a page; and tests of the page's server: its address, and
 //! connections that keep it waiting.
 
 use super::{Browser, PASSWORD, PageFixture};
@@ -42,7 +42,7 @@ async fn another_site_cannot_cause_a_change() {
     let own = [cookie, csrf, JSON, ("origin", "http://127.0.0.1:8090")];
     assert_eq!(site.send("POST", "/request/hold", &own, "{}").await.status, StatusCode::OK);
     assert_eq!(site.asked().len(), 1);
-    // A foreign host name that leads to this computer.
+    // A foreign host name that resolves to this computer.
     let reply = site.send("GET", "/", &[("host", "evil.example:8090")], "").await;
     assert_eq!(reply.status, StatusCode::MISDIRECTED_REQUEST);
 }
@@ -147,7 +147,7 @@ async fn every_response_states_what_a_browser_may_do_with_it() {
     }
 }
 
-/// The files that a browser loads first: the page of the cell with all its files.
+/// The files that a browser loads first: the page of the cell and its files.
 #[tokio::test]
 async fn the_first_load_is_small() {
     let site = PageFixture::new();
@@ -182,13 +182,13 @@ fn parts(site: &PageFixture, listen: SocketAddr) -> PageParts {
     site.parts(page)
 }
 
-/// Returns the answer to a request for the page of the cell; `None` if no server answers.
-fn asked(address: SocketAddr) -> Option<String> {
+/// Returns the response to a request for the page of the cell; `None` if no server answers.
+fn page_response(address: SocketAddr) -> Option<String> {
     answered(address, &format!("GET /login HTTP/1.1\r\nhost: {address}\r\nconnection: close\r\n\r\n"))
 }
 
-/// Returns the answer to a stop by a visitor without an account.
-fn stopped(address: SocketAddr) -> Option<String> {
+/// Returns the response to a stop by a visitor without an account.
+fn stop_response(address: SocketAddr) -> Option<String> {
     let head = format!(
         "POST /request/stop HTTP/1.1\r\nhost: {address}\r\norigin: http://{address}\r\nconnection: close\r\n"
     );
@@ -212,25 +212,25 @@ fn an_address_in_use_delays_nothing_and_is_served_later() {
     let page = OperatorPage::serve(parts(&site, address)).expect("it continues").expect("an address");
     drop(other);
     let since = Instant::now();
-    while !asked(address).is_some_and(|answer| answer.starts_with("HTTP/1.1 200")) {
+    while !page_response(address).is_some_and(|answer| answer.starts_with("HTTP/1.1 200")) {
         assert!(since.elapsed() < Duration::from_secs(30), "never served");
         std::thread::sleep(Duration::from_millis(50));
     }
     drop(page);
-    assert_eq!(asked(address), None, "it ends with the service");
+    assert_eq!(page_response(address), None, "it ends with the service");
 }
 
-fn served(site: &PageFixture) -> (OperatorPage, SocketAddr) {
+fn response_of_served_page(site: &PageFixture) -> (OperatorPage, SocketAddr) {
     let page = OperatorPage::serve(parts(site, ([127, 0, 0, 1], 0).into())).expect("served").expect("an address");
     let address = page.url.trim_start_matches("http://").trim_end_matches('/').parse().expect("one");
     (page, address)
 }
 
-/// Opens this many connections that each begin with this text.
-fn connected(count: usize, address: SocketAddr, begins: &str) -> Vec<TcpStream> {
+/// Opens this number of connections, and sends this text on each of them.
+fn open_connections(count: usize, address: SocketAddr, begins: &str) -> Vec<TcpStream> {
     let one = |_| {
         let mut stream = TcpStream::connect(address).expect("it listens");
-        // The first connections may have been closed already.
+        // The first connections may already be closed.
         drop(stream.write_all(begins.as_bytes()));
         stream.set_read_timeout(Some(Duration::from_secs(20))).expect("set");
         stream
@@ -238,17 +238,17 @@ fn connected(count: usize, address: SocketAddr, begins: &str) -> Vec<TcpStream> 
     (0..count).map(one).collect()
 }
 
-/// Requests whose bodies never arrive do not block a slot: a stop at the same time is executed at once, and these
-/// requests end automatically.
+/// Requests whose bodies never arrive do not block a slot: a stop at this time is executed immediately, and these
+/// requests are ended automatically.
 #[test]
 fn unfinished_bodies_do_not_delay_a_stop() {
     let site = PageFixture::new();
-    let (_page, address) = served(&site);
+    let (_page, address) = response_of_served_page(&site);
     let head = format!("POST /login HTTP/1.1\r\nhost: {address}\r\norigin: http://{address}\r\n");
     let begins = format!("{head}content-type: application/json\r\ncontent-length: 50\r\n\r\n{{");
-    let mut silent = connected(520, address, &begins);
+    let mut silent = open_connections(520, address, &begins);
     let since = Instant::now();
-    let answer = stopped(address).expect("answered beside them");
+    let answer = stop_response(address).expect("answered beside them");
     assert!(answer.starts_with("HTTP/1.1 200"), "{answer}");
     assert!(since.elapsed() < Duration::from_secs(10), "{:?}", since.elapsed());
     assert_eq!(site.asked().iter().filter(|asked| asked.starts_with("stop")).count(), 1);
@@ -261,15 +261,15 @@ fn unfinished_bodies_do_not_delay_a_stop() {
 #[test]
 fn many_viewers_do_not_delay_a_stop() {
     let site = PageFixture::new();
-    let (_page, address) = served(&site);
+    let (_page, address) = response_of_served_page(&site);
     let begins = format!("GET /events HTTP/1.1\r\nhost: {address}\r\n\r\n");
-    let mut lookers = connected(100, address, &begins);
+    let mut lookers = open_connections(100, address, &begins);
     let mut rest = String::new();
     lookers[0].read_to_string(&mut rest).expect("the first one has given way");
     assert!(rest.starts_with("HTTP/1.1 200") && rest.contains("text/event-stream"), "{rest}");
-    lookers.extend(connected(520, address, &begins));
+    lookers.extend(open_connections(520, address, &begins));
     let since = Instant::now();
-    let answer = stopped(address).expect("answered beside them");
+    let answer = stop_response(address).expect("answered beside them");
     assert!(answer.starts_with("HTTP/1.1 200"), "{answer}");
     assert!(since.elapsed() < Duration::from_secs(10), "{:?}", since.elapsed());
     let mut bytes = [0; 1_024];
@@ -280,7 +280,7 @@ fn many_viewers_do_not_delay_a_stop() {
 #[test]
 fn slow_clients_delay_no_other_client() {
     let site = PageFixture::new();
-    let (_page, address) = served(&site);
+    let (_page, address) = response_of_served_page(&site);
     let mut slow: Vec<TcpStream> = (0..200)
         .map(|_| {
             let mut stream = TcpStream::connect(address).expect("it listens");
@@ -288,7 +288,7 @@ fn slow_clients_delay_no_other_client() {
             stream
         })
         .collect();
-    let answer = asked(address).expect("answered beside them");
+    let answer = page_response(address).expect("answered beside them");
     assert!(answer.starts_with("HTTP/1.1 200"), "{answer}");
     let stream = slow.last_mut().expect("one of them");
     stream.set_read_timeout(Some(Duration::from_secs(30))).expect("set");

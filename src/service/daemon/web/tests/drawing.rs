@@ -1,4 +1,4 @@
-//! Drawing a recipe's region on the page, and the other views in Set-up.
+//! Tests the drawing of a recipe's region on the page, and the other views of the set-up.
 
 use super::{DOOR, PASSWORD, PageFixture};
 use axum::http::StatusCode;
@@ -12,7 +12,7 @@ fn drawn() -> Value {
     })
 }
 
-/// The drawing becomes lines of the recipe. The recipe is written with the same form as every change, with its
+/// The drawing becomes lines of the recipe. The recipe is saved with the same form as every other change, with its
 /// reason.
 #[tokio::test]
 async fn a_drawing_is_proposed_and_not_yet_written() {
@@ -74,7 +74,7 @@ async fn an_invalid_region_is_not_proposed() {
     }
 }
 
-/// Without cameras the reason is reported, and the attempt is in the audit trail.
+/// Without cameras the reason is reported, and the attempt is recorded in the audit trail.
 #[tokio::test]
 async fn a_picture_that_cannot_be_taken_gives_the_reason() {
     let site = PageFixture::new();
@@ -87,8 +87,8 @@ async fn a_picture_that_cannot_be_taken_gives_the_reason() {
     assert!(audit.contains("take a picture") && audit.contains("has not opened its cameras"), "{audit}");
 }
 
-/// The office's offer is shown with its differences; it is copied into the form if the person requests this, but is
-/// not saved by this.
+/// The offer of the office server is shown with its differences. If the person requests this, it is copied into the
+/// form, but not saved.
 #[tokio::test]
 async fn a_recipe_of_the_office_is_shown_and_copied_by_a_person() {
     let site = PageFixture::new();

@@ -1,5 +1,5 @@
-//! Logging in, wrong passwords, sessions, and requests in a person's name. Every route is tested with every role, as
-//! in the table; and that no other route exists.
+//! Tests log-in, wrong passwords, sessions, and requests in a person's name. Every route is tested with every role of
+//! the table, and no route exists outside of the table.
 
 use super::{Browser, PASSWORD, PageFixture, Source};
 use crate::daemon::sources::SetupSource;
@@ -29,7 +29,7 @@ async fn a_log_in_creates_a_new_session_that_ends_with_logging_out() {
 }
 
 #[tokio::test]
-async fn five_wrong_passwords_pause_the_account_and_the_audit_trail_has_them() {
+async fn five_wrong_passwords_lock_the_account_and_are_in_the_audit_trail() {
     let site = PageFixture::new();
     for name in ["operator", "nobody", "O'Brien"] {
         let told = site.log_in(name, "wrong horse").await.expect_err("refused");
@@ -61,11 +61,11 @@ async fn requests_go_to_the_loop_in_the_persons_name_and_a_stop_needs_none() {
     assert_eq!(site.post(&operator, "/request/unhold", "{\"dried\":true,\"step\":3}").await.status, StatusCode::OK);
     let reply = site.post(&operator, "/request/hold", "{\"why\":\"water\\nleaks\"}").await;
     assert_eq!(reply.status, StatusCode::OK);
-    // A page that is older than the session can still stop the cell.
+    // A page that was loaded before the session can still stop the cell.
     let stale = Browser { csrf: "old".to_owned(), ..operator.clone() };
     assert_eq!(site.post(&stale, "/request/abort", "{}").await.status, StatusCode::OK);
     assert_eq!(site.post(&stale, "/request/reset", "{}").await.status, StatusCode::FORBIDDEN);
-    // To accept a deviation is not the operator's task.
+    // An operator has no permission to accept a deviation.
     assert_eq!(site.post(&operator, "/request/accept", "{\"step\":3}").await.status, StatusCode::FORBIDDEN);
     let engineer = site.log_in("engineer", PASSWORD).await.expect("logged in");
     for decision in ["accept", "unhold", "clear"] {
@@ -75,11 +75,11 @@ async fn requests_go_to_the_loop_in_the_persons_name_and_a_stop_needs_none() {
     let sha256 = Source::default().recipe("panel.toml").expect("it is offered").sha256();
     let start =
         |sha256: &str| format!(r#"{{"recipe":"panel.toml","sha256":"{sha256}","serial":"7","is_clear":true}}"#);
-    // The recipe was changed since the page was loaded: nothing goes to the loop.
+    // The recipe was changed after the page was loaded: no request reaches the loop.
     let stale = site.post(&operator, "/request/start", &start(&"0".repeat(64))).await;
     assert!(stale.status == StatusCode::CONFLICT && stale.body.contains(&sha256), "{}", stale.body);
     assert!(stale.body.contains("\"code\":\"bad_input\""), "{}", stale.body);
-    // Without the statement that no person is inside, no start goes to the loop either.
+    // Without the confirmation that no person is inside, no start reaches the loop either.
     let unsaid = start(&sha256).replace(",\"is_clear\":true", "");
     let unsaid = site.post(&operator, "/request/start", &unsaid).await;
     assert!(
@@ -91,7 +91,7 @@ async fn requests_go_to_the_loop_in_the_persons_name_and_a_stop_needs_none() {
     assert_eq!(start.status, StatusCode::CONFLICT, "the loader of this test refuses");
     assert!(start.body.contains("stated clear: true"), "{}", start.body);
     let by = "operator, on the operator's page at 127.0.0.1";
-    // A refused start is passed to the loop only for the record; no client waits for this.
+    // A refused start reaches the loop only to be recorded; no client waits for this.
     let since = std::time::Instant::now();
     while site.asked().len() < 7 && since.elapsed() < std::time::Duration::from_secs(20) {
         tokio::task::yield_now().await;
@@ -106,8 +106,8 @@ async fn requests_go_to_the_loop_in_the_persons_name_and_a_stop_needs_none() {
             &format!("unhold --dried by {by}"),
             &format!("hold: waterleaks by {by}"),
             &format!("abort by {by}"),
-            // The refusals for the changed recipe, for the missing statement, and by the loader: each is one line of
-            // the trail, among the requests.
+            // The refusals because of the changed recipe, because of the missing confirmation, and by the loader: each
+            // is one line of the audit page, among the requests.
             &start,
             &start,
             &start,
@@ -137,7 +137,7 @@ async fn a_changed_account_logs_in_again_and_the_last_administrator_stays() {
         let reply = site.post(&administrator, "/people", &change).await;
         assert!(reply.body.contains("the last enabled account that may manage accounts"), "{}", reply.body);
     }
-    // "Add" never changes an account that exists.
+    // "Add" never changes an account that already exists.
     let add = r#"{"is_new":true,"name":"inspector","printed_name":"Paul","role":"viewer","password":"a new password","is_enabled":true}"#;
     let reply = site.post(&administrator, "/people", add).await;
     assert!(reply.status == StatusCode::UNPROCESSABLE_ENTITY && reply.body.contains("exists"), "{}", reply.body);
@@ -155,8 +155,8 @@ async fn a_person_changes_the_own_password_with_the_old_one() {
     let operator = site.log_in("operator", PASSWORD).await.expect("logged in");
     let told = site.post(&operator, "/password", r#"{"password":"wrong horse","new":"another horse"}"#).await;
     assert_eq!(told.status, StatusCode::UNPROCESSABLE_ENTITY);
-    // A new password that is too short does not count as a wrong one: no person has to wait, regardless of the number
-    // of attempts.
+    // A new password that is too short is not treated as a wrong password: the person does not have to wait, whatever
+    // the number of attempts.
     for _ in 0..6 {
         let body = format!(r#"{{"password":"{PASSWORD}","new":"x"}}"#);
         assert_eq!(site.post(&operator, "/password", &body).await.status, StatusCode::UNPROCESSABLE_ENTITY);
@@ -167,7 +167,7 @@ async fn a_person_changes_the_own_password_with_the_old_one() {
     site.log_in("operator", "another horse").await.expect("the new one");
 }
 
-/// Changes an account in the store from outside of the page, as another process does.
+/// Changes an account in the store directly, as another process does.
 fn change_from_outside(site: &PageFixture, name: &str, change: impl FnOnce(&mut Account)) {
     let mut store = Store::open_for_accounts(&site.folder.path().join("store")).expect("open");
     let mut account = store.accounts().expect("read").remove(name).expect("an account");
@@ -176,8 +176,8 @@ fn change_from_outside(site: &PageFixture, name: &str, change: impl FnOnce(&mut 
     store.store_account(&account, &entry).expect("kept");
 }
 
-/// Makes requests until the session has ended, which it does within a few seconds.
-async fn ends(site: &PageFixture, browser: &Browser) {
+/// Sends requests until the session has ended, which must happen within a few seconds.
+async fn wait_for_session_end(site: &PageFixture, browser: &Browser) {
     let since = Instant::now();
     loop {
         let told = site.get(browser, "/frame.jpg").await;
@@ -196,30 +196,31 @@ async fn an_account_changed_outside_the_page_signs_nothing_and_loses_its_session
     let inspector = site.log_in("inspector", PASSWORD).await.expect("logged in");
     let reply = site.post(&inspector, "/cycle/1/sign", &signs).await;
     assert_eq!(reply.status, StatusCode::OK, "{}", reply.body);
-    // The accounts were read just now: the signature reads them nevertheless.
+    // The accounts were read a moment ago; for the signature they are read again.
     change_from_outside(&site, "inspector", |account| account.role = Role::Viewer);
     let reply = site.post(&inspector, "/cycle/1/sign", &signs).await;
     assert!(
         reply.body.contains("was changed since the log-in") || reply.status == StatusCode::UNAUTHORIZED,
         "{reply:?}"
     );
-    ends(&site, &inspector).await;
+    wait_for_session_end(&site, &inspector).await;
 
     let engineer = site.log_in("engineer", PASSWORD).await.expect("logged in");
     assert_eq!(site.get(&engineer, "/setup").await.status, StatusCode::OK);
     change_from_outside(&site, "engineer", |account| account.is_enabled = false);
-    ends(&site, &engineer).await;
+    wait_for_session_end(&site, &engineer).await;
     assert_eq!(site.get(&engineer, "/setup").await.status, StatusCode::SEE_OTHER);
-    // A stop never needs an account.
+    // A stop never requires an account.
     assert_eq!(site.post(&engineer, "/request/stop", "{}").await.status, StatusCode::OK);
 
-    // A person who logs in after the change can continue at once.
+    // A person who logs in after the change can continue immediately.
     change_from_outside(&site, "engineer", |account| account.is_enabled = true);
     let engineer = site.log_in("engineer", PASSWORD).await.expect("logged in");
     assert_eq!(site.get(&engineer, "/setup").await.status, StatusCode::OK);
 }
 
-/// A page whose session has ended says so. A wall display's session outlives the service, and ends with a new password.
+/// A page whose session has ended reports this. The session of a wall display continues after a restart of the service,
+/// and ends with a new password.
 #[tokio::test]
 async fn a_page_without_its_session_reports_it_and_a_display_keeps_its_own() {
     let site = PageFixture::new();
@@ -238,12 +239,12 @@ async fn a_page_without_its_session_reports_it_and_a_display_keeps_its_own() {
     assert_eq!(site.get(&display, "/history").await.status, StatusCode::OK, "after a restart of the service");
     assert_eq!(site.post(&display, "/request/reset", "{}").await.status, StatusCode::FORBIDDEN);
     change_from_outside(&site, "display", |account| account.is_enabled = false);
-    ends(&site, &display).await;
+    wait_for_session_end(&site, &display).await;
     crate::daemon::web::accounts::begin_displays(&site.web);
     assert_eq!(site.get(&display, "/history").await.status, StatusCode::SEE_OTHER);
 }
 
-/// An error that a person meets while going to a page is a page, with navigation and Stop.
+/// An error response to a person who opens a page is a page with navigation and Stop.
 #[tokio::test]
 async fn an_error_is_a_page_with_its_head() {
     let site = PageFixture::new();
@@ -253,7 +254,7 @@ async fn an_error_is_a_page_with_its_head() {
         ("/nowhere", StatusCode::NOT_FOUND, "There is no such page."),
         ("/cycle/99", StatusCode::NOT_FOUND, "There is no such page."),
         ("/audit", StatusCode::FORBIDDEN, "Your role does not permit this. (Viewer)"),
-        // The text of the page's own handler is kept, as it is.
+        // The text of the page's own handler is shown unchanged.
         ("/setup/recipe/gone.toml", StatusCode::NOT_FOUND, "there is no recipe gone.toml"),
     ] {
         let told = site.send("GET", path, &[("cookie", &cookie), ("accept", "text/html,*/*")], "").await;
@@ -298,7 +299,7 @@ async fn each_role_gets_what_the_table_gives_it_and_nothing_else() {
                 (None, Method::Post) => reply.status == StatusCode::UNAUTHORIZED,
                 (Some(_), _) => reply.status == StatusCode::FORBIDDEN,
             };
-            // Choosing a language leads back to the page, for every visitor.
+            // The response to the choice of a language redirects every visitor back to the page.
             let leads_back = route.path.starts_with("/language/");
             assert!(leads_back || is_refused != may, "{role:?} at {}: {} {}", route.path, reply.status, reply.body);
             assert!(reply.status != StatusCode::INTERNAL_SERVER_ERROR, "{}: {}", route.path, reply.body);
@@ -306,7 +307,7 @@ async fn each_role_gets_what_the_table_gives_it_and_nothing_else() {
     }
 }
 
-/// The router is made only from the table.
+/// The router contains only the routes of the table.
 #[test]
 fn no_route_exists_outside_of_the_table() {
     let folder = std::path::Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).join("src/service/daemon/web");
@@ -325,8 +326,8 @@ fn no_route_exists_outside_of_the_table() {
     assert!(files > 20, "{files}");
 }
 
-/// Each permission is needed somewhere. A request that moves the cell needs a permission; a request that stops it
-/// needs none.
+/// Each permission is required by at least one route. A request that moves the cell requires a permission; a request
+/// that stops the cell requires none.
 #[test]
 fn a_stop_needs_no_permission_and_a_motion_needs_one() {
     let access = |path: &str| ROUTES.iter().find(|route| route.path == path).map(|route| route.access);
@@ -341,7 +342,7 @@ fn a_stop_needs_no_permission_and_a_motion_needs_one() {
     }
 }
 
-/// A viewer that repeats requests that it may not make is refused each time, and writes a few lines.
+/// A viewer who repeats requests without permission is refused each time, and only a few entries are written.
 #[tokio::test]
 async fn many_refused_requests_give_few_lines_of_the_audit_trail() {
     let site = PageFixture::new();
