@@ -1,5 +1,5 @@
 #!/bin/sh
-# Makes the manual's pictures anew: what the program draws, and its page in Chromium. From the project's folder, after a build:
+# Creates the pictures of the manual again: drawings of the program, and its page in Chromium. Run it in the project's folder, after a build:
 #   tests/manual/pictures.sh target/release/panelprep
 set -eu
 

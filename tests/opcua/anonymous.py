@@ -1,4 +1,4 @@
-"""Somebody without an account, where the cell's file lets them read: what is seen, and that nothing but a stop is done."""
+"""A client without an account, if the cell's file permits reading: which values it can read, and that it can request nothing except a stop."""
 
 import asyncio
 import logging
@@ -33,14 +33,14 @@ async def main():
                 break
             await asyncio.sleep(0.1)
         assert state == "Aborted", f"an abort needs no account: {state}"
-    # No password goes through a connection on which it can be read.
+    # No password is sent over a connection on which others could read it.
     client = Client(URL)
     client.set_user("operator")
     client.set_password("correct horse")
     found = await refused(client)
     assert found != "Connected", found
     tell("password without encryption", found)
-    # Five wrong passwords, and the right one is of no use for a minute.
+    # After five wrong passwords, the right password is refused for a minute.
     application = Application(CERTIFICATES.parent, "line")
     await refused(await application.client(URL, "operator"))
     await asyncio.sleep(2.5)

@@ -1,4 +1,4 @@
-"""Everything that a line does with the cell, as each role: what is seen, called, refused, subscribed and acknowledged."""
+"""All actions of a production line with the cell, in each role: reading, calls, refusals, subscriptions and acknowledgements."""
 
 import asyncio
 import logging
@@ -12,17 +12,17 @@ from people import PASSWORD, Application, at, bad, call, cell, comes, read, refu
 URL, CERTIFICATES = sys.argv[1], Path(sys.argv[2])
 FOLDER = CERTIFICATES.parent
 ROLES = ["viewer", "operator", "inspector", "engineer", "administrator"]
-# What a call ends with that was let through to the cell.
+# Possible status codes of a call that reached the cell.
 LET_THROUGH = {"Good", "BadInvalidState", "BadDeviceFailure", "BadInvalidArgument"}
 
 
 def step(number):
-    """The step that a decision names."""
+    """Returns the number of the step to which a decision refers."""
     return ua.Variant(number, ua.VariantType.UInt32)
 
 
 async def offered(_):
-    """Nothing but signed and encrypted connections are offered, and no session without an account."""
+    """Checks that only signed and encrypted connections are offered, and no session without an account."""
     endpoints = await Client(URL).connect_and_get_server_endpoints()
     found = sorted((one.SecurityPolicyUri.split("#")[1], one.SecurityMode.name) for one in endpoints)
     assert found == [("Aes256_Sha256_RsaPss", "SignAndEncrypt"), ("Basic256Sha256", "SignAndEncrypt")], found
@@ -34,7 +34,7 @@ async def offered(_):
 
 
 async def certificates(known):
-    """Unknown, expired, weak and copied certificates are turned away; a known one is let in."""
+    """Checks that unknown, expired, weak and copied certificates are rejected, and a trusted one is accepted."""
     found = await refused(await known.client(URL, "viewer"))
     assert found == "BadCertificateUntrusted", found
     await asyncio.sleep(2.5)
@@ -63,7 +63,7 @@ async def passwords(known):
 
 
 async def browsed(known):
-    """What is browsed is what the program's table says, with types, units and nothing to write."""
+    """Checks that the nodes agree with the table of the program, with types and units, and that none can be written."""
     async with await known.client(URL, "viewer", policy="Aes256Sha256RsaPss") as client:
         root, index = await cell(client)
         found = {}
@@ -104,18 +104,18 @@ async def browsed(known):
 
 
 async def as_each_role(known):
-    """Every method as every role: let through, or refused by the role."""
+    """Calls every method in every role: the call is accepted, or refused because of the role."""
     values = {"String": "", "Boolean": False, "UInt32": step(10**6)}
     for role in ROLES:
         async with await known.client(URL, role) as client:
             for method in tables()["methods"]:
-                # A stop or an abort is tried at the end: here the cell stays as it is.
+                # A stop or an abort is tried at the end, so that the cell keeps its state here.
                 if method["name"] in {"Stop", "Abort", "Reset"}:
                     continue
                 found = await call(client, method["name"], *[values[kind] for kind in method["arguments"]])
                 is_allowed = role in method["roles"]
                 assert (found in LET_THROUGH) if is_allowed else found == "BadUserAccessDenied", (role, method, found)
-            # Wrong arguments are told before the cell is asked.
+            # Wrong arguments are reported before the call reaches the cell.
             assert await call(client, "Start", 1, 2, 3, 4, 5) != "Good"
             assert await call(client, "Start", "one") != "Good"
             assert await call(client, "Hold", "too many") != "Good"
@@ -123,7 +123,7 @@ async def as_each_role(known):
 
 
 class Changes:
-    """The values of a node as they change."""
+    """Collects the values of a node as they change."""
 
     def __init__(self):
         self.seen = []
@@ -139,7 +139,7 @@ class Changes:
 
 
 async def a_part(known):
-    """A part as a line runs it: start, hold, continue, judge, and what is seen of it meanwhile."""
+    """Runs a part as a production line does: start, hold, continue, accept; meanwhile checks the reported values."""
     async with await known.client(URL, "operator") as client, await known.client(URL, "inspector") as inspector:
         changes = Changes()
         subscription = await inspector.create_subscription(100, changes)
@@ -154,7 +154,7 @@ async def a_part(known):
         assert await call(client, "Start", "recipe.toml", "0" * 64, "", "", False) == "BadInvalidArgument"
         assert await call(client, "Start", "recipe.toml", known_as, "SN 7", "WO 12", False) == "Good"
         await changes.come("Execute")
-        # In virtual time the cycle may be over sooner than a hold comes.
+        # In virtual time the cycle may end before the hold arrives.
         held = await call(client, "Hold")
         assert held in LET_THROUGH, held
         if held == "Good":
@@ -162,7 +162,7 @@ async def a_part(known):
             now = await read(client, "Cycle/Step")
             assert await call(inspector, "Unhold", False, step(now)) == "BadUserAccessDenied"
             assert "unhold" in await read(client, "Cycle/PossibleCommands")
-            # What was decided upon an earlier step is refused.
+            # A decision on an earlier step is refused.
             assert await call(client, "Unhold", False, step(now - 1)) == "BadInvalidState"
             assert await call(client, "Unhold", False, step(now)) == "Good"
         since = time.monotonic()
@@ -186,7 +186,7 @@ async def a_part(known):
 
 
 async def stopped_by_anybody(known):
-    """A viewer stops and aborts the cell; an operator clears it."""
+    """Checks that a viewer can stop and abort the cell, and that an operator can clear it."""
     async with await known.client(URL, "viewer") as viewer, await known.client(URL, "operator") as operator:
         changes = Changes()
         subscription = await operator.create_subscription(100, changes)
@@ -207,7 +207,7 @@ async def stopped_by_anybody(known):
 
 
 class Events:
-    """Events as they come."""
+    """Collects the events in order of arrival."""
 
     def __init__(self):
         self.seen = []
@@ -225,7 +225,7 @@ FIELDS = {
 
 
 def of_alarms():
-    """Alarms with their fields, each of its own type, as the standard asks for (asyncua names one type for all of them)."""
+    """Subscribes to alarms with their fields, each with its own type, as the standard requires (asyncua uses one type for all of them)."""
     chosen = ua.EventFilter()
     for kind, paths in FIELDS.items():
         for path in paths:
@@ -249,12 +249,12 @@ def of_alarms():
 
 
 async def alarms(known):
-    """An alarm that lasts is a condition: told when it is asked for, and acknowledged by its event."""
+    """Checks that an active alarm is a condition: it is reported at a refresh, and acknowledged by its event."""
     async with await known.client(URL, "operator") as operator:
         while await read(operator, "PackML/Status/StateCurrentName") != "Idle":
             await call(operator, "Reset")
             await asyncio.sleep(0.3)
-        # This recipe allows less shift than the panel has.
+        # This recipe permits less shift than the panel has.
         known_as = dict(zip(await read(operator, "Recipes/Names"), await read(operator, "Recipes/Hashes")))["strict.toml"]
         assert await call(operator, "Start", "strict.toml", known_as, "", "", False) == "Good"
         while await read(operator, "PackML/Status/StateCurrentName") != "Complete":
@@ -297,7 +297,7 @@ async def alarms(known):
         again = await acknowledge(client)
         assert again != "Good", again
         assert await call(client, "AcknowledgeAlarm", "1/none/2") == "BadInvalidArgument"
-        # Where somebody resets the cell, it is gone.
+        # After a reset of the cell, the alarm is cleared.
         async with await known.client(URL, "operator") as operator:
             assert await call(operator, "Reset") == "Good"
         since = time.monotonic()
@@ -309,7 +309,7 @@ async def alarms(known):
 
 
 async def flood(known):
-    """Thousands of calls: a few are let through, the others end at once, and the cell goes on answering."""
+    """Sends thousands of calls: a few are accepted, the others are refused immediately, and the cell continues to answer."""
     async with await known.client(URL, "operator", timeout=60) as client:
         since = time.monotonic()
         found = await asyncio.gather(*[call(client, "Hold") for _ in range(1000)])
@@ -322,7 +322,7 @@ async def flood(known):
 
 
 async def changed_accounts(known):
-    """Who is disabled sees nothing more: the connection ends, and none comes again."""
+    """Checks that a person with a disabled account can read nothing: the connection ends, and a new one is refused."""
     async with await known.client(URL, "administrator") as client:
         changes = Changes()
         subscription = await client.create_subscription(100, changes)

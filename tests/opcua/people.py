@@ -1,4 +1,4 @@
-"""Clients of the OPC UA server with names, passwords and certificates of their own, over asyncua."""
+"""Clients of the OPC UA server based on asyncua, each with its own name, password and certificate."""
 
 import asyncio
 import datetime
@@ -27,14 +27,14 @@ def tell(*words):
 
 
 def bad(error):
-    """The name of the status that a call or a connection ended with."""
+    """Returns the name of the status code of a call or a connection."""
     if isinstance(error, ua.UaStatusCodeError):
         return ua.status_codes.get_name_and_doc(error.code)[0]
     return type(error).__name__
 
 
 class Application:
-    """A client's program: its certificate and key."""
+    """A client program with its certificate and key."""
 
     def __init__(self, folder, name, days=365, bits=2048, since_days=1):
         self.uri = f"urn:client:{name}"
@@ -65,14 +65,14 @@ class Application:
         self.certificate_file.write_bytes(certificate.public_bytes(serialization.Encoding.DER))
 
     def is_trusted_by(self, certificates):
-        """A person moves what was turned away into the folder of the trusted."""
+        """Moves the rejected certificate to the folder of trusted certificates, as a person does."""
         mine = self.certificate_file.read_bytes()
         found = [file for file in (certificates / "rejected").iterdir() if file.read_bytes() == mine]
         assert len(found) == 1, f"{self.uri}: {found}"
         found[0].rename(certificates / "trusted" / found[0].name)
 
     async def client(self, url, user=None, password=PASSWORD, policy="Basic256Sha256", timeout=10):
-        # The client's own probe of the connection waits for this long: behind a flood of requests it comes late.
+        # Timeout of the client's own check of the connection, whose response is late after a flood of requests.
         client = Client(url, timeout=timeout, watchdog_intervall=timeout / 10)
         client.application_uri = self.uri
         await client.set_security(
@@ -85,22 +85,22 @@ class Application:
 
 
 async def refused(client):
-    """The status with which a connection is refused."""
+    """Returns the status code with which a connection is refused."""
     try:
         async with client:
             return "Connected"
-    except Exception as error:  # whatever it is, its name is told
+    except Exception as error:  # the name of any error is returned
         return bad(error)
 
 
 async def cell(client):
-    """The cell's object, and the index of its namespace."""
+    """Returns the object of the cell, and the index of its namespace."""
     index = await client.get_namespace_index(NAMESPACE)
     return await client.nodes.objects.get_child(f"{index}:Panelprep"), index
 
 
 async def at(client, path):
-    """The node of a path from the cell's object on."""
+    """Returns the node with this path, which begins at the object of the cell."""
     root, index = await cell(client)
     return await root.get_child([f"{index}:{name}" for name in path.split("/")])
 
@@ -118,7 +118,7 @@ async def comes(client, path, wanted, patience=20):
 
 
 async def call(client, method, *arguments):
-    """The status that a method ends with."""
+    """Returns the status code of a method call."""
     commands = await at(client, "Commands")
     _, index = await cell(client)
     try:
@@ -129,5 +129,5 @@ async def call(client, method, *arguments):
 
 
 def tables():
-    """The program's own tables of nodes and methods, as the test wrote them."""
+    """Returns the program's tables of nodes and methods, which the test wrote to a file."""
     return json.loads(Path(sys.argv[3]).read_text())

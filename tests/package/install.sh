@@ -1,5 +1,5 @@
 #!/bin/sh
-# Installs a former package into a folder, upgrades it, removes and purges it, and looks at what is left each time. No service is
+# Installs a former package into a folder, upgrades it, removes and purges it, and checks the remaining files each time. No service is
 # started and nothing outside of the folder is changed; the maintainer scripts run as dpkg runs them for such an installation.
 #   install.sh FORMER.deb PACKAGE.deb
 set -eu
@@ -15,7 +15,7 @@ root=$(mktemp -d)
 trap 'rm -rf "$root"' EXIT
 mkdir -p "$root/var/lib/dpkg/updates" "$root/var/lib/dpkg/info" "$root/etc"
 touch "$root/var/lib/dpkg/status" "$root/var/lib/dpkg/available"
-# Of a system that has been set up: root and the groups that files belong to.
+# Files of an existing system: root and the groups that own files.
 getent passwd root >"$root/etc/passwd"
 getent group root >"$root/etc/group"
 
@@ -25,7 +25,7 @@ wrong() {
 }
 
 in_root() {
-    # Dependencies are those of the machine, not of the folder.
+    # The dependencies are installed on the machine, not in the folder.
     dpkg --root="$root" --force-script-chrootless --force-depends --log="$root/dpkg.log" "$@" 2>"$root/said" >"$root/told" ||
         { cat "$root/told" "$root/said" >&2; wrong "dpkg $*"; }
 }
@@ -34,7 +34,7 @@ version() {
     dpkg-query --admindir="$root/var/lib/dpkg" -W -f '${Status} ${Version}' panelprep 2>/dev/null || true
 }
 
-# What a cell has made since its installation.
+# Files that a cell has created since its installation.
 fill() {
     echo 'store = "/var/lib/panelprep"' >"$root/etc/panelprep/cell.toml"
     mkdir "$root/etc/panelprep/calibration" "$root/var/lib/panelprep/blobs"
@@ -87,14 +87,14 @@ left=$(find "$root" -path "$root/var/lib/dpkg" -prune -o -type f -print | grep -
     -e "^$root/etc/\(passwd\|group\|shadow\|gshadow\)-\?$" -e "^$root/etc/.pwd.lock$" -e "^$root/\(dpkg.log\|said\|told\)$" || true)
 [ -z "$left" ] || wrong "left after the purge: $left"
 
-# Where nothing was made, nothing stays.
+# If no file was created, no file remains.
 rm -rf "$root/etc/panelprep" "$root/var/lib/panelprep"
 in_root --install "$package"
 in_root --purge panelprep
 [ ! -e "$root/etc/panelprep" ] && [ ! -e "$root/var/lib/panelprep" ] || wrong 'empty folders stay after a purge'
 echo 'installed, upgraded, removed and purged; store and configuration stayed'
 
-# The units as systemd reads them, with the files beside them and without.
+# Checks the units as systemd reads them, with and without the files beside them.
 if command -v systemd-analyze >/dev/null; then
     in_root --install "$package"
     for dropin in '' panelprep-zivid.conf panelprep-network.conf; do
@@ -105,7 +105,7 @@ if command -v systemd-analyze >/dev/null; then
             cp "$root/usr/share/panelprep/$dropin" "$units/panelprep.service.d/$dropin"
         fi
         said=$(SYSTEMD_UNIT_PATH="$units:" systemd-analyze verify --man=no panelprep.service 2>&1) || wrong "systemd: $said"
-        # A line that systemd does not know is told, and is no error to it.
+        # systemd reports an unknown line, but does not treat it as an error.
         [ -z "$(echo "$said" | grep -F "$units" || true)" ] || wrong "systemd: $said"
     done
     echo 'systemd-analyze verify takes the units'

@@ -1,5 +1,5 @@
-// The operator's page as people use it: logs in, runs a part, holds, accepts a review, signs, looks at every page in both languages,
-// light and dark and at three widths, and holds each against the rules of axe-core. Pictures of every page stay in a folder.
+// The operator's page as people use it: logs in, runs a part, holds, accepts a review, signs, opens every page in both languages,
+// light and dark and at three widths, and checks each page with axe-core. Pictures of every page are kept in a folder.
 //
 // node browser.mjs ADDRESS PICTURES MODULES: writes a line for each step; at "restart" and "hang" it waits for a line on its input.
 
@@ -21,7 +21,7 @@ await reaches(operator, "idle");
 await operator.fill("input[name=serial]", "SN-0017");
 await operator.fill("input[name=order]", "W-4");
 await judged(operator, "run-idle");
-// A scanner's Enter leads to the next field; the first press asks, and a double click is one press.
+// The Enter of a barcode scanner moves to the next field; the first press shows the question; a double click is one press.
 await operator.focus("input[name=serial]");
 for (const key of ["Enter", "Enter"]) await operator.keyboard.press(key);
 if (!(await operator.evaluate(() => document.activeElement.matches("input[name=order]")))) fail("Enter does not lead to the next field");
@@ -74,7 +74,7 @@ if (/now|jetzt/i.test(await operator.innerText("#frame-name"))) fail("a film tha
 await german.context().close();
 step("continued and completed");
 
-// A session that ended: the page shows nothing of the part, and says so. A wall display keeps its session.
+// After the session has ended, the page shows no data of the part, and reports the end. A wall display keeps its session.
 const [watcher, display] = [await person(), await person()];
 await logIn(display, "display");
 await logIn(watcher, "viewer");
@@ -95,7 +95,7 @@ await watcher.context().close();
 await display.context().close();
 step("a session ended, and the page said so");
 
-// Without an answer, Stop and Abort say so within about a second, on every page.
+// Without an answer, Stop and Abort report this within about a second, on every page.
 const reader = await person();
 await logIn(reader, "operator");
 await reader.goto(`${base}/history`);
@@ -105,7 +105,7 @@ const halts = async (page, name, expected) => {
   await page.waitForFunction((expected) => new RegExp(expected).test(document.querySelector("#stop-told").innerText), expected, { timeout: 1_500 });
   return Date.now() - since;
 };
-// An answer that is not the cell's own does not count as received.
+// A response that is not from the cell is not reported as received.
 for (const status of [200, 403, 409, 502]) {
   await reader.route("**/request/stop", (route) => route.fulfill({ status, contentType: "text/html", body: "a proxy" }));
   await halts(reader, "stop", "no answer.*emergency stop");
@@ -210,7 +210,7 @@ await engineer.waitForSelector("#proposal:not([hidden]) ins");
 const proposed = await engineer.innerText("#difference");
 if (!/\+ rows = 2/.test(proposed) || !/masked_px/.test(proposed) || !/\+ .*corners_px/.test(proposed)) fail(`the proposal is another one: ${proposed}`);
 await judged(engineer, "draw-proposal");
-// A region whose corners are exchanged is none, and is not proposed.
+// A region with exchanged corners is not valid, and is not proposed.
 const drag = async (corner, at) => {
   const box = await engineer.locator(`[data-kind=region][data-corner='${corner}']`).boundingBox();
   await engineer.mouse.move(box.x + box.width / 2, box.y + box.height / 2);

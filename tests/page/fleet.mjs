@@ -1,5 +1,5 @@
-// The office's page as people use it: a wrong password, every page, in light and dark and at three widths, each held against the rules
-// of axe-core. Pictures of every page stay in a folder.
+// The web page of the office server as people use it: a wrong password, every page, in light and dark and at three widths, each page
+// checked with axe-core. Pictures of every page are kept in a folder.
 //
 // node fleet.mjs ADDRESS PICTURES MODULES: writes a line for each step.
 

@@ -1,13 +1,13 @@
 // The operator's page with the keyboard alone: an operator logs in, starts, holds with a reason and continues, an inspector accepts and signs.
-// Whatever the Tab key comes to must show that it has the focus.
+// Every element that the Tab key reaches must show that it has the focus.
 //
 // node keyboard.mjs ADDRESS PICTURES MODULES
 
 import { base, browser, fail, judged, person, reaches, state, step, wrong } from "./people.mjs";
 
-const MAX_TAB_STOPS = 150; // stops of the Tab key on a page, and more
+const MAX_TAB_STOPS = 150; // more than the number of elements on a page that the Tab key reaches
 
-/** What has the focus, and whether one sees it: an outline, or for a corner that is drawn its own fill. */
+/** Returns the element with the focus, and whether the focus is visible: an outline, or the fill of a drawn corner. */
 const focused = (page) => page.evaluate(() => {
   const element = document.activeElement;
   if (!element || element === document.body || element.tagName === "IFRAME") return null;
@@ -15,7 +15,7 @@ const focused = (page) => page.evaluate(() => {
   return { words: element.outerHTML.slice(0, 90), isSeen: outlineStyle !== "none" && Number.parseFloat(outlineWidth) >= 2 };
 });
 
-/** Presses a key until this has the focus. */
+/** Presses a key until this element has the focus. */
 async function to(page, selector, key = "Tab") {
   for (let count = 0; count < MAX_TAB_STOPS; count += 1) {
     await page.keyboard.press(key);
@@ -53,7 +53,7 @@ await to(operator, "input[name=serial]");
 await operator.keyboard.type("SN-0020");
 await presses(operator, "#start-first:enabled", "Space");
 await operator.waitForSelector("#start-second button[type=submit]:enabled");
-// A code with a space that is scanned now presses nothing.
+// A scanned code with a space presses no button now.
 await to(operator, "#start-second button[type=submit]:enabled");
 for (const code of ["SN 17", " SN17", "  17", "17 "]) {
   await operator.keyboard.type(code);

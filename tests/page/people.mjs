@@ -1,4 +1,4 @@
-// People with a browser before the operator's page, and what every page they look at is held against.
+// People who use the operator's page with a browser, and the checks of every page that they open.
 //
 // The script that uses it is called with ADDRESS PICTURES MODULES and writes a line for each step.
 
@@ -38,7 +38,7 @@ export const state = (page) => page.getAttribute("#state", "data-state");
 export const reaches = (page, wanted) => page.waitForFunction((wanted) => document.querySelector("#state").dataset.state === wanted, wanted);
 export const asked = (page, name) => page.click(`.actions button[data-request="${name}"]:enabled`);
 
-/** Presses Start, and then states that the guard is closed and no person is inside. */
+/** Presses Start, and then confirms that the guard is closed and no person is inside. */
 export async function starts(page) {
   await page.click("#start-first:enabled");
   await page.click("#start-second button[type=submit]:enabled");

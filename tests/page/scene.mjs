@@ -1,5 +1,5 @@
-// Scan and path of a cycle that is complete, in three dimensions: drawn, turned by keys, on Run and on the cycle's page, in light and
-// dark, on a desktop and a phone; and the same numbers as text where the browser cannot draw them.
+// Scan and path of a cycle that is complete, in three dimensions: drawn, rotated by keys, on Run and on the cycle's page, in light and
+// dark, on a desktop and a phone; and the same data as text if the browser cannot draw them.
 //
 // node scene.mjs ADDRESS PICTURES MODULES
 

@@ -1,8 +1,8 @@
 #!/bin/sh
 # The whole plant on this computer: `make demo-plant`. Two simulated cells with their services, a NATS broker, PostgreSQL, the archive, the
-# office's page, and an MQTT broker with the live view of MQTT Sparkplug. Each cell runs one cycle; then the archive is held against both cells.
-# It goes on until Ctrl-C; with ONCE=1 it ends after the proof. All of it lies in the folder that is named, and every server listens on
-# this computer alone.
+# web page of the office server, and an MQTT broker with the live view of MQTT Sparkplug. Each cell runs one cycle; then the archive is
+# compared with both cells. The servers run until Ctrl-C; with ONCE=1 they end after the comparison. All files are in the given folder, and
+# every server listens only on this computer.
 set -eu
 
 program=$(realpath "$1")
@@ -116,7 +116,7 @@ done
 for cell in 1 2; do
   file="$folder/cell-$cell/cell.toml"
   wait_for "$program" ctl state --cell "$file"
-  # The robot's link may still be on its way.
+  # The robot may not be connected yet.
   wait_for "$program" ctl reset --wait --cell "$file"
   echo "cell-$cell: one cycle"
   "$program" ctl start --recipe "$folder/cell-$cell/recipe.toml" --part "SN-$cell-$(date +%H%M%S)" --wait --cell "$file" | tail -1 | sed "s/^/cell-$cell: /"

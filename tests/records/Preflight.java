@@ -1,4 +1,4 @@
-// What Apache PDFBox Preflight finds in a PDF file, one line for each error: its code, then its words. Preflight knows PDF/A-1b.
+// Prints the errors that Apache PDFBox Preflight finds in a PDF file, one line for each: code and message. Preflight checks for PDF/A-1b.
 
 import java.io.File;
 import org.apache.pdfbox.preflight.PreflightDocument;

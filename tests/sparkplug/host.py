@@ -1,4 +1,4 @@
-"""A primary host application on pysparkplug: tells each message that it decodes as a line of JSON, and does what it is told.
+"""A primary host application on pysparkplug: prints each decoded message as a line of JSON, and executes the commands from its input.
 
 Arguments: broker's port, user, password, group, edge node, host's name.
 """
@@ -16,7 +16,7 @@ def tell(**fields):
 
 
 class Host(psp.Client):
-    """Tells what cannot be decoded, too: an exception in a thread of the library would be lost."""
+    """Prints messages that cannot be decoded, too, because an exception in a thread of the library would be lost."""
 
     def _handle_message(self, mqtt_message):
         try:

@@ -1,4 +1,4 @@
-"""A second host application, on mqtt-spb-wrapper: tells what its parser makes of each message as a line of JSON.
+"""A second host application, on mqtt-spb-wrapper: prints the result of its parser for each message as a line of JSON.
 
 Arguments: broker's port, user, password, group.
 """

@@ -1,5 +1,5 @@
-// Reloads the page's content at an interval, without a new page, so the reader's scroll position stays. The request states that no
-// person made it, so it does not keep a session alive.
+// Reloads the content at an interval without reloading the whole page, so that the scroll position is kept. The request is marked
+// as automatic, so that it does not extend the session.
 const every_ms = 1000 * Number(document.querySelector("meta[name=again]").content);
 
 async function again() {

@@ -1,4 +1,4 @@
-// Drawing on the taught picture: the drawing becomes a proposed text of the recipe with its difference, for approval.
+// Drawing on the taught picture: the drawing becomes a proposed recipe text, shown with its differences for approval.
 
 import { send, tell, word } from "./PAGE_JS";
 import { begin, now } from "./SHEET_JS";
@@ -23,11 +23,11 @@ try {
   const response = await fetch(`${recipe}/drawing.json`, { cache: "no-store" });
   const found = await response.json();
   if (!response.ok) throw new Error(found.message);
-  // If there is no picture, the answer states the reason.
+  // If there is no picture, the response contains the reason.
   const picture = await fetch(`${recipe}/picture.png`, { method: "GET", cache: "no-store" });
   if (!picture.ok) throw new Error((await picture.json()).message);
   await begin(found, () => {
-    // The drawing differs from the proposal now.
+    // The drawing now differs from the proposed text.
     id("proposal").hidden = true;
     tell(id("told"), { ok: true, message: word("draw.changed") });
   });

@@ -1,4 +1,4 @@
-// Forms are sent as JSON, with the session's token; the result is shown beside the button.
+// Sends forms as JSON with the token of the session; the result is shown beside the button.
 
 import { send, tell } from "./PAGE_JS";
 
@@ -10,7 +10,7 @@ for (const form of document.querySelectorAll("form[data-post]")) {
     for (const field of form.elements) {
       if (!field.name) continue;
       body[field.name] = field.type === "checkbox" ? field.checked : field.value === "true" && field.type === "hidden" ? true : field.value;
-      // A recipe is named with the hash of the text that the page offers.
+      // A recipe is sent with the hash of the text that the page shows.
       const sha256 = field.selectedOptions?.[0]?.dataset.sha256;
       if (sha256) body.sha256 = sha256;
     }

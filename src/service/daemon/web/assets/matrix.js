@@ -2,7 +2,7 @@
 
 export const identity = () => new Float32Array([1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]);
 
-/** The product: applies the right one first, then the left one. */
+/** Returns the matrix product left × right: the right matrix is applied first. */
 export function multiplied(a, b) {
   const c = new Float32Array(16);
   for (let column = 0; column < 4; column += 1) {
@@ -19,7 +19,7 @@ export function shifted(x, y, z) {
   return made;
 }
 
-/** A rotation about the axis with this number, radians. */
+/** Returns a rotation by an angle, radians, about the axis with this index. */
 export function rotated(axis, angle) {
   const made = identity();
   const [i, j] = [(axis + 1) % 3, (axis + 2) % 3];

@@ -3,10 +3,10 @@
 export const meta = (name) => document.querySelector(`meta[name="${name}"]`)?.content ?? "";
 const words = JSON.parse(meta("words") || "{}");
 
-/** The page's word for a key. */
+/** Returns the page's text for a key. */
 export const word = (key) => words[`js.${key}`] ?? key;
 
-/** The word on a button. */
+/** Returns the text of a button. */
 export const action = (key) => words[`action.${key}`] ?? key;
 
 /** Sends a change and returns its result as { ok, status, message }. It never throws. */
@@ -24,7 +24,7 @@ export async function send(path, body = {}) {
   }
 }
 
-/** A date and time with the offset of this computer. */
+/** Returns a time as local date and time, with the offset of this computer from UTC. */
 export function localTime(ms) {
   const at = new Date(ms);
   const pad = (n) => String(Math.abs(n)).padStart(2, "0");
@@ -41,7 +41,7 @@ export function tell(place, { ok, message }) {
   place.classList.toggle("bad", !ok);
 }
 
-const ANSWER_MS = 1000; // a stop without an answer for this long is reported as such
+const ANSWER_MS = 1000; // time after which a stop without an answer is reported
 
 /** Requests a stop or an abort. The result is shown beside the buttons with its time, also if there is no answer. */
 async function halt(name) {
@@ -49,11 +49,11 @@ async function halt(name) {
   const asked = `${action(name)} ${localTime(Date.now()).slice(11, 19)}:`;
   const say = (ok, message) => tell(place, { ok, message: `${asked} ${message}` });
   say(true, "…");
-  // The request is not given up: a service that was busy may still carry it out.
+  // The request is not cancelled: a busy service may still execute it.
   const late = setTimeout(() => say(false, word("stop.no_answer")), ANSWER_MS);
   const { ok, status, told, message } = await send(`/request/${name}`);
   clearTimeout(late);
-  // Only the cell's own answer says that the request arrived: it contains the cell's state.
+  // Only an answer with the state of the cell proves that the request was received.
   const isOfCell = typeof told?.state === "string";
   if (ok && isOfCell) say(true, word("stop.taken"));
   else if (status === 409 && isOfCell) say(false, message);

@@ -1,4 +1,4 @@
-// The page of the running cell, kept up to date by the service's events.
+// The page of the running cell, which is updated by the events of the service.
 
 import { action, localTime, meta, send, tell, word } from "./PAGE_JS";
 
@@ -9,16 +9,16 @@ const set = (element, text) => { if (element && element.textContent !== text) el
 let now = null;
 let heard = Date.now();
 let frame = 0;
-let read = null; // the record of a cycle so far, as it was read last
+let read = null; // the last read record of a cycle
 let recordOf = "";
 let reviewOf = "";
 let reviewStep = null;
 let path = null;
 
-/** The record of the shown cycle; what was read of another cycle is never shown. */
+/** Returns the record of the shown cycle; the record of another cycle is never shown. */
 const record = () => (now.cycle !== null && read?.cycle === now.cycle ? read : { part: null, panel: null, passes: null, grids: {}, no_part: false });
 
-/** How a state is shown: only abnormal states have a colour, and a sign beside it. */
+/** The style of a state: only abnormal states have a colour, together with a symbol. */
 function looks(now) {
   if (!now.answers || now.state === "aborted" || now.state === "aborting") return "bad";
   if (now.state === "complete" && record().no_part) return "doubt";
@@ -30,10 +30,10 @@ function looks(now) {
 /** The commands that a message names, and the buttons with the same function. */
 const COMMANDS = [["unhold --dried", "unhold_dried"], ["unhold", "unhold"], ["accept", "accept"], ["clear", "clear"], ["reset", "reset"]];
 
-/** Decisions that depend on the shown state; they name the step. */
+/** Decisions that depend on the shown state; they contain the number of the step. */
 const DECISIONS = new Set(["unhold", "accept", "clear"]);
 
-/** A text of the program for this page: with buttons instead of commands, and without the backticks around names. */
+/** Converts a text of the program for this page: buttons replace commands, and backticks are removed. */
 const readable = (text) => COMMANDS.reduce((all, [command, name]) => all.replaceAll(`\`panelprep ctl ${command}\``, `“${action(name)}”`), text).replaceAll("`", "");
 
 /** The meanings of the requested codes, by code: { short, cause, remedy }, or null if there is no answer yet. */
@@ -51,9 +51,9 @@ function meaning(code) {
   return meanings.get(code);
 }
 
-/** What a review waits for: a new disc, a decision on the result of sanding (phase Assess), which drying the panel does not change, or another decision. */
+/** Returns the decision for which a review waits: a new disc, a decision on the result of sanding (phase Assess), which drying the panel does not change, or another decision. */
 function reviewKind() {
-  // A person who may not accept the result calls one who may.
+  // A person without the permission to accept the result calls a person with this permission.
   const call = document.querySelector('button[data-request="accept"]') ? "" : "_call";
   if (now.reasons.some(({ code }) => code === "disc_worn")) return `_disc${call}`;
   return now.phase === "assess" ? `_contact${call}` : call;
@@ -67,13 +67,13 @@ function said(reason) {
   const sentence = `${readable(reason.message)} (${reason.code})`;
   const known = meaning(reason.code);
   const remedy = known ? readable(known.remedy) : "";
-  // One short line is read from a distance; the sentence with its values is beside it.
+  // The short line can be read from a distance; the sentence with its values is beside it.
   if (known?.short) return { text: known.short, sentence, remedy };
   const isEnglish = document.documentElement.lang === "en";
   return known && !isEnglish ? { text: readable(known.cause), sentence, remedy } : { text: sentence, sentence: "", remedy };
 }
 
-/** What comes next, if the cell gives no reason for its state. */
+/** Returns the next action of the operator, if the state of the cell has no reason. */
 function next() {
   const keys = [`next.${now.state}.${now.verdict}`, `next.${now.state}`];
   return keys.map((key) => [key, word(key)]).find(([key, text]) => text !== key)?.[1] ?? "";
@@ -81,7 +81,7 @@ function next() {
 
 function showState() {
   const ended = ["complete", "stopped", "aborted"].includes(now.state) && now.verdict;
-  // A cycle that found no part says nothing about the part that was named.
+  // A cycle that found no part gives no result about the part with the entered serial number.
   const isNoPart = now.state === "complete" && Boolean(record().no_part);
   const verdict = now.verdict && now.state !== "aborted" ? `: ${word(`verdict.${isNoPart ? "no_part" : now.verdict}`)}` : "";
   const state = id("state");
@@ -112,7 +112,7 @@ function showState() {
   }
 }
 
-/** Remaining seconds of the film, or of the path by its speed so far. */
+/** Returns the remaining seconds of the film, or of the path at its present speed. */
 function left() {
   if (now.film_s !== null && now.film_total_s) return Math.max(0, now.film_total_s - now.film_s);
   if (now.waypoint === null || !now.of) { path = null; return null; }
@@ -148,7 +148,7 @@ function showProgress() {
 function showButtons() {
   const possible = new Set(now.answers ? now.possible : []);
   for (const button of document.querySelectorAll("button[data-request]")) button.disabled = !possible.has(button.dataset.request);
-  // A result can be accepted only when it is shown.
+  // A result can be accepted only while it is shown.
   const isShown = reviewStep !== null && reviewStep === now.step;
   for (const button of document.querySelectorAll('button[data-request="accept"]')) button.disabled ||= !isShown;
   for (const button of document.querySelectorAll("button[data-needs]")) button.disabled = !possible.has(button.dataset.needs);
@@ -160,7 +160,7 @@ function showGrids() {
   const place = id("grids");
   if (!place) return;
   const { grids } = record();
-  // After a restart the service knows the panel only by the record.
+  // After a restart the service knows the panel only from the record.
   const cells = (now.grids.length > 0 ? now.grids : Object.keys(grids)).map((name) => /^r(\d+)c(\d+)$/.exec(name)).filter(Boolean).map(([name, row, column]) => ({ name, row: +row, column: +column }));
   const state = (name) => grids[name] ?? "untested";
   const shown = JSON.stringify(cells.map(({ name }) => [name, state(name)]));
@@ -184,7 +184,7 @@ function showGrids() {
   place.replaceChildren(table);
 }
 
-/** The picture's name: only a film that is being watched is called the film now. */
+/** Returns the title of the picture: only a film in progress has the title "The film now". */
 function frameName() {
   const isFilm = now.frame_name === "film" && now.state === "execute" && now.phase === "inspect";
   return isFilm ? word("picture.film") : word("picture.last");
@@ -214,7 +214,7 @@ function showFrame() {
   loading.src = `/frame.jpg?${number}`;
 }
 
-/** Part, grids and abrasions are in the record, which changes with the phase. */
+/** Reads part, grids and sanding passes from the record, which changes with the phase. */
 async function readRecord() {
   const of = `${now.cycle} ${now.state} ${now.phase} ${now.pass}`;
   if (of === recordOf || !id("grids")) return;
@@ -258,7 +258,7 @@ async function readReview() {
 async function ask(button) {
   button.disabled = true;
   const body = button.dataset.body ? JSON.parse(button.dataset.body) : {};
-  // The step of the decision: of the shown state, or of the review beside the button.
+  // The step to which the decision refers: that of the shown state, or of the review beside the button.
   if (DECISIONS.has(button.dataset.request)) body.step = button.dataset.request === "accept" ? reviewStep : now?.step ?? null;
   if (button.dataset.request === "hold") body.why = id("why-held")?.value ?? "";
   const result = await send(`/request/${button.dataset.request}`, body);
@@ -268,34 +268,34 @@ async function ask(button) {
   if (now) showButtons();
 }
 
-// A start needs two presses: the second one states that the guard is closed and no person is inside.
-const START_PAUSE_MS = 1000; // a double click is one press
-const START_ASKED_MS = 20_000; // after this time the cell may have changed, and the question is asked anew
+// A start needs two presses: the second one confirms that the guard is closed and no person is inside.
+const START_PAUSE_MS = 1000; // minimum time between the presses: a double click is treated as one press
+const START_ASKED_MS = 20_000; // after this time the cell may have changed, and the question is asked again
 let startAsked = null;
 
-/** Whether the second press counts now. */
+/** Returns whether the second press is accepted now. */
 function isStartOpen() {
   const since = startAsked === null ? -1 : Date.now() - startAsked;
   return since >= START_PAUSE_MS && since < START_ASKED_MS;
 }
 
-/** Shows the question before a start, or the first button in its place. */
+/** Shows the question before a start, or instead of it the first button. */
 function askStart(isAsked) {
   if (!id("start-second")) return;
   startAsked = isAsked ? Date.now() : null;
   id("start-second").hidden = !isAsked;
   id("start-first").hidden = isAsked;
-  // The answer that starts nothing has the focus.
+  // The button that does not start the cycle has the focus.
   if (isAsked) id("start-cancel").focus();
   if (now) showButtons();
 }
 
 id("start-first")?.addEventListener("click", () => { if (id("start").reportValidity()) askStart(true); });
-// The second click of a double click may land on this button.
+// The second click of a double click may hit this button.
 id("start-cancel")?.addEventListener("click", () => { if (Date.now() - startAsked >= START_PAUSE_MS) askStart(false); });
 id("start")?.addEventListener("input", () => askStart(false));
 id("start")?.addEventListener("submit", () => askStart(false));
-// A scanner ends each code with Enter: it leads to the next field, and never starts the arm.
+// A barcode scanner ends each code with Enter: Enter moves to the next field and never starts a cycle.
 id("start")?.addEventListener("keydown", (event) => {
   if (event.key !== "Enter") return;
   event.preventDefault();
@@ -303,9 +303,7 @@ id("start")?.addEventListener("keydown", (event) => {
   if (fields.includes(event.target)) fields[fields.indexOf(event.target) + 1]?.focus();
 });
 
-// A space in a scanned code must not press the second button. The code's other characters cancel the question, and a space
-// counts only if no other character follows it within the time that a scanner needs for its next one.
-const SCANNER_PAUSE_MS = 150;
+// A space in a scanned code would press the second button; the other characters of the code cancel the question before.
 document.addEventListener("keydown", (event) => { if (startAsked !== null && event.key.length === 1 && event.key !== " ") askStart(false); });
 const secondStart = document.querySelector("#start-second button[type=submit]");
 let isSpaceWaiting = false;
@@ -323,7 +321,7 @@ secondStart?.addEventListener("keyup", (event) => {
   }, SCANNER_PAUSE_MS);
 });
 
-// The next part is another one, so the form is emptied after a start.
+// The next part is a different one, so the form is cleared after a start.
 id("start")?.addEventListener("sent", () => { for (const field of id("start").querySelectorAll("input:not([type=hidden])")) { field.value = ""; field.checked = false; } });
 
 for (const button of document.querySelectorAll("button[data-request]")) button.addEventListener("click", () => ask(button));
@@ -337,7 +335,7 @@ function show(event) {
   showStale();
 }
 
-/** The page's session has ended, or is another person's now: nothing of it stays on the screen, and the page is loaded again. */
+/** The page's session has ended, or is another person's now: all its data are removed from the screen, and the page is loaded again. */
 function leave() {
   source.close();
   document.querySelector("main").hidden = true;
@@ -346,7 +344,7 @@ function leave() {
   location.reload();
 }
 
-/** The shown state is old when the service is silent, or when the cell's loop does not answer the service. */
+/** Marks the shown state as stale if the service sends no event, or if the loop of the cell does not answer the service. */
 function showStale() {
   const silent = Date.now() - heard > STALE_MS;
   const isStale = silent || (now && !now.answers);

@@ -4,11 +4,11 @@
 import { word } from "./PAGE_JS";
 import { identity, multiplied, perspective, rotated, shifted } from "./MATRIX_JS";
 
-const POLL_INTERVAL_MS = 2000; // interval of the requests for progress while a cycle runs
-// Without colour they differ by their dashes in the legend and by the text beside them.
+const POLL_INTERVAL_MS = 2000; // interval at which the progress of a running cycle is requested
+// Without colour, the passes differ by their dashes in the legend and by the text beside them.
 const COLOURS = [[0.34, 0.71, 0.91], [0.90, 0.62, 0], [0, 0.62, 0.45], [0.80, 0.47, 0.65], [0.94, 0.89, 0.26]];
 const AIR = [0.55, 0.55, 0.55];
-const LIFT_MM = 2; // a line in the surface itself would be hidden by its points
+const LIFT_MM = 2; // height of the lines above the surface, whose points would otherwise hide them
 
 const SHADER = `#version 300 es
 in vec3 at; in vec4 colour; uniform mat4 view; uniform float size; out vec4 shade;
@@ -141,7 +141,7 @@ class Scene {
 
   view() {
     const { middle, size } = this.extent;
-    // The face of the panel points along z, whatever its direction in the cell: first about z, then about y.
+    // The front of the panel is rotated to +z, whatever its direction in the cell: first about z, then about y.
     const [x, y, z] = this.facing;
     const upright = multiplied(rotated(2, Math.PI / 2), multiplied(rotated(1, -Math.acos(Math.max(-1, Math.min(1, z)))), rotated(2, -Math.atan2(y, x))));
     const { turn, tilt, away, shift } = this.eye;

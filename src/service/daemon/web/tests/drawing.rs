@@ -101,7 +101,7 @@ async fn a_recipe_of_the_office_is_shown_and_copied_by_a_person() {
     let hash = page.split_once("?offer=").expect("a link").1.split('"').next().expect("a hash").to_owned();
     let taken = site.get(&engineer, &format!("/setup/recipe/door.toml?offer={hash}")).await.body;
     assert!(
-        in_form(&taken) && taken.contains("value=\"Approved in the office by Anna &lt;b&gt;: finer film\""),
+        in_form(&taken) && taken.contains("value=\"Approved on the office server by Anna &lt;b&gt;: finer film\""),
         "{taken}"
     );
     let other = site.get(&engineer, "/setup/recipe/door.toml?offer=0000").await.body;
