@@ -135,8 +135,8 @@ fn an_arm_is_calibrated_from_pictures_axes_and_touched_corners() {
     let (arm, errors) = wrong_arm(8);
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
-    pictures::<ScannerMount>(folder, &cell, (&arm, &errors), ("fixed", false));
-    pictures::<FlangeCameraMount>(folder, &cell, (&arm, &errors), ("flange", true));
+    save_pictures::<ScannerMount>(folder, &cell, (&arm, &errors), ("fixed", false));
+    save_pictures::<FlangeCameraMount>(folder, &cell, (&arm, &errors), ("flange", true));
     std::fs::write(folder.join("touches.toml"), touch_measurements(&cell, (&arm, &errors))).expect("written");
     let robot = format!(
         "calibrate robot {BOARD} --eye-to-hand fixed/poses.toml --scanner-lens fixed.toml --eye-in-hand flange/poses.toml \
@@ -184,7 +184,7 @@ fn a_touch_of_an_unknown_corner_or_camera_is_reported() {
     let (arm, errors) = wrong_arm(8);
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
-    pictures::<ScannerMount>(folder, &cell, (&arm, &errors), ("fixed", false));
+    save_pictures::<ScannerMount>(folder, &cell, (&arm, &errors), ("fixed", false));
     let robot = format!(
         "calibrate robot {BOARD} --eye-to-hand fixed/poses.toml --scanner-lens fixed.toml --touches t.toml --out robot.toml"
     );

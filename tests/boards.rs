@@ -157,7 +157,11 @@ pub fn error<A: Side>(cell: &BoardCell, found: &HandEye<A>) -> Error {
 }
 
 /// Calibrates a mount from the corners at many poses, with this lens.
-pub fn calibrate_from_many_poses<A: Side>(lens: &Lens, shots: &[BoardShot<A::From>], corners: &[detect::Corners]) -> HandEye<A> {
+pub fn calibrate_from_many_poses<A: Side>(
+    lens: &Lens,
+    shots: &[BoardShot<A::From>],
+    corners: &[detect::Corners],
+) -> HandEye<A> {
     calibrated(lens, &stations::<A>(shots, corners))
 }
 

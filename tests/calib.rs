@@ -19,7 +19,8 @@ fn check_mount_against_truth<A: Side>(seed: u64) {
     let cell = boards::cell(seed, GOOD_ROBOT);
     let shots = A::shots(&cell, POSES);
     let corners = boards::rendered::<A>(&cell, &shots);
-    let with_truth = boards::error(&cell, &boards::calibrate_from_many_poses::<A>(&Lens::truth::<A>(&cell), &shots, &corners));
+    let with_truth =
+        boards::error(&cell, &boards::calibrate_from_many_poses::<A>(&Lens::truth::<A>(&cell), &shots, &corners));
     let own = boards::own_lens::<A>(&cell);
     let with_own = boards::error(&cell, &boards::calibrate_from_many_poses::<A>(&own, &shots, &corners));
     let name = A::NAME;
@@ -42,7 +43,8 @@ fn the_error_of_an_inaccurate_robot_is_reported() {
         let shots = FlangeCameraMount::shots(&cell, POSES);
         let corners = boards::synthetic::<FlangeCameraMount>(&cell, &shots);
         let lens = Lens::truth::<FlangeCameraMount>(&cell);
-        let error = boards::error(&cell, &boards::calibrate_from_many_poses::<FlangeCameraMount>(&lens, &shots, &corners));
+        let error =
+            boards::error(&cell, &boards::calibrate_from_many_poses::<FlangeCameraMount>(&lens, &shots, &corners));
         assert!(error.mm < 0.6 && error.stated_mm > 0.1 && error.stated_mm < 0.8, "{error:?}");
     }
 }

@@ -36,8 +36,9 @@ fn transitive_dependencies(all: &Dependencies, from: &str) -> BTreeSet<String> {
 
 /// Returns the direct dependencies that are not also transitive.
 fn non_transitive_edges(all: &Dependencies) -> Vec<(&str, &str)> {
-    let is_implied =
-        |from: &str, to: &str| all[from].iter().any(|other| other != to && transitive_dependencies(all, other).contains(to));
+    let is_implied = |from: &str, to: &str| {
+        all[from].iter().any(|other| other != to && transitive_dependencies(all, other).contains(to))
+    };
     let pairs = all.iter().flat_map(|(from, direct)| direct.iter().map(move |to| (from.as_str(), to.as_str())));
     pairs.filter(|(from, to)| !is_implied(from, to)).collect()
 }

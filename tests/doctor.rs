@@ -64,7 +64,11 @@ fn doctor_reports_each_planted_fault_and_none_in_a_good_cell() {
 
     // Faults in the cell's file and in the files that it names.
     fs::rename(folder.join("cell/flange_from_camera.toml"), folder.join("away.toml")).expect("moved");
-    expect_one_problem(folder, DOCTOR, ["calibration of the flange_camera", "flange_from_camera.toml", "calibrate"]);
+    expect_one_problem(
+        folder,
+        DOCTOR,
+        ["calibration of the flange_camera", "flange_from_camera.toml", "calibrate"],
+    );
     fs::rename(folder.join("away.toml"), folder.join("cell/flange_from_camera.toml")).expect("back");
     check_injected_fault(
         folder,
@@ -116,7 +120,11 @@ fn doctor_reports_each_planted_fault_and_none_in_a_good_cell() {
         Store::open(&store).expect("a store").newest_verification("scanner").expect("read").expect("verified");
     let now = SystemTime::now().duration_since(UNIX_EPOCH).expect("after 1970").as_secs() as i64;
     Store::store_verification_in(&store, &Verification { at_unix_s: now - 48 * 3_600, ..last }).expect("kept");
-    expect_one_problem(folder, DOCTOR, ["calibration of the scanner", "48.0 h ago", "calibrate verify --camera scanner"]);
+    expect_one_problem(
+        folder,
+        DOCTOR,
+        ["calibration of the scanner", "48.0 h ago", "calibrate verify --camera scanner"],
+    );
     assert_eq!(json(folder, VERIFY[0]).0, 0);
     fs::rename(store.join("panelprep.sqlite"), folder.join("away.db")).expect("moved");
     fs::write(store.join("panelprep.sqlite"), vec![7; 5_000]).expect("spoilt");

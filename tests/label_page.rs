@@ -2,7 +2,7 @@
 //! that use these files.
 
 use super::commands::{TEACH, json};
-use super::teach_page::{ask, browsed, opened};
+use super::teach_page::{ask, open_page, rendered_page};
 use panelprep::files::{read_color, read_gray};
 use panelprep::geometry::{ColorPicture, Mask};
 use serde_json::{Value, json as value};
@@ -80,7 +80,7 @@ fn a_clip_is_labelled_and_scored_against_its_labels() {
     let folder = located_cell();
     let folder = folder.path();
     let clip_folder = folder.join("cell/clip");
-    let page = opened(folder, &format!("label {CELL} --clip cell/clip --located located.json"));
+    let page = open_page(folder, &format!("label {CELL} --clip cell/clip --located located.json"));
     let clip = body(&ask(&page.2, "GET", "clip.json", ""));
     let shots = clip["shots"].as_array().expect("pictures");
     let wet_from_s = shots.iter().find(|shot| shot["phase"] == "wet").expect("wet")["time_s"].as_f64().expect("s");
@@ -115,7 +115,7 @@ fn a_clip_is_labelled_and_scored_against_its_labels() {
     // A drawing that was not saved is shown again after a reload.
     let both = statement(&[on_break, elsewhere]);
     assert!(ask(&page.2, "POST", "draft", &both.to_string()).starts_with("HTTP/1.1 200"));
-    match browsed(&format!("{}#{}", page.2, shots.len() / 2), "class=\"area open") {
+    match rendered_page(&format!("{}#{}", page.2, shots.len() / 2), "class=\"area open") {
         Some(dom) => {
             let count = |what: &str| dom.matches(what).count();
             assert_eq!((count("class=\"area open"), count("class=\"grid\"")), (2, 24), "{dom}");
@@ -193,7 +193,7 @@ fn check_changed_pictures(folder: &Path) {
     let message = told["reasons"][0]["message"].as_str().unwrap_or_default();
     assert!(exit == 2 && message.contains("made for other pictures"), "{told}");
     // Without a recipe no cell is needed. The existing labels are shown, and nothing is saved.
-    let page = opened(folder, "label --clip cell/clip --cell nowhere.toml");
+    let page = open_page(folder, "label --clip cell/clip --cell nowhere.toml");
     let clip = body(&ask(&page.2, "GET", "clip.json", ""));
     assert_eq!(clip["now"]["said"]["breaks"].as_array().map(Vec::len), Some(2));
     assert!(clip["now"]["note"].as_str().is_some_and(|note| note.contains("has changed")), "{clip}");

@@ -1,13 +1,13 @@
 //! Tests calibrations that capture their own pictures, as a person at the terminal uses them.
 
-use super::commands::{json, started};
+use super::commands::{json, start_program};
 use serde_json::Value;
 use std::io::Write;
 use std::path::Path;
 
 /// Runs a command with these lines as answers; returns its exit code, its JSON object and its printed text.
 fn run_with_answers(folder: &Path, command: &str, lines: &str) -> (i32, Value, String) {
-    let mut child = started(folder, command);
+    let mut child = start_program(folder, command);
     child.stdin.take().expect("its input").write_all(lines.as_bytes()).expect("it listens");
     let ended = child.wait_with_output().expect("it ends");
     let told = String::from_utf8_lossy(&ended.stderr).into_owned();

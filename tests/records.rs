@@ -50,7 +50,8 @@ fn verify(folder: &Path, more: &str) -> (i32, Vec<String>) {
 /// The script is short enough for an auditor to read before running it.
 #[test]
 fn the_manuals_script_is_short() {
-    let lines = code_block("## Without this program", "python").lines().filter(|line| !line.trim().is_empty()).count();
+    let lines =
+        code_block("## Without this program", "python").lines().filter(|line| !line.trim().is_empty()).count();
     assert!(lines <= 65, "{lines} lines");
 }
 

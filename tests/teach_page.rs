@@ -1,7 +1,7 @@
 //! Tests `panelprep teach` with its drawing page, as a person at the cell uses it: the program, a browser, the recipe's
 //! file.
 
-use super::commands::{TEACH, rendered, started};
+use super::commands::{TEACH, rendered, start_program};
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::path::Path;
@@ -9,7 +9,7 @@ use std::process::{Child, Command};
 
 /// Returns the running program and the address of its page, as the program prints it.
 pub fn open_page(folder: &Path, command: &str) -> (Child, BufReader<std::process::ChildStderr>, String) {
-    let mut child = started(folder, command);
+    let mut child = start_program(folder, command);
     let mut told = BufReader::new(child.stderr.take().expect("its words"));
     let mut line = String::new();
     while !line.contains("http://") {

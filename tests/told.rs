@@ -73,7 +73,11 @@ fn a_file_that_cannot_be_read_is_reported_by_its_line() {
         "{xml}"
     );
     assert!(missing.contains("  nothere.toml: ") && !missing.contains("line 1"), "{missing}");
-    expect_refused(folder, "robot state --cell bad.toml", &["bad.toml", "line 2 is not UTF-8; save the file as UTF-8"]);
+    expect_refused(
+        folder,
+        "robot state --cell bad.toml",
+        &["bad.toml", "line 2 is not UTF-8; save the file as UTF-8"],
+    );
     expect_refused(folder, "calibrate tcp --poses empty.toml --cell cell.toml", &["empty.toml"]);
 }
 

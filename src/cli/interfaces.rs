@@ -76,7 +76,8 @@ pub fn line_front(
     fronts: &SharedInterfaceParts,
     robot: &LinkedRobot,
 ) -> Result<Option<LineFront>, Fault> {
-    let (Some(line), Some(inputs)) = (files.cell.line().cloned(), LineParts::input_bits(files.cell.inputs_outputs()))
+    let (Some(line), Some(inputs)) =
+        (files.cell.line().cloned(), LineParts::input_bits(files.cell.inputs_outputs()))
     else {
         return Ok(None);
     };

@@ -15,8 +15,8 @@ use panelprep_cell::cell::{
 use panelprep_cell::files::{read_flange, write_pose};
 use panelprep_cell::recipe::Recipe;
 use panelprep_service::daemon::{
-    self, Calibrations, CellSetup, Computing, CycleSetup, LoopPorts, LoopStart, Player, MIN_FREE_SPACE_FOR_RECORDING_MB,
-    RecordingPlan, RecordingResult, RecordingStatus, ReplayResult, disk_full_message, free_mb,
+    self, Calibrations, CellSetup, Computing, CycleSetup, LoopPorts, LoopStart, MIN_FREE_SPACE_FOR_RECORDING_MB,
+    Player, RecordingPlan, RecordingResult, RecordingStatus, ReplayResult, disk_full_message, free_mb,
 };
 use panelprep_service::report::page::{Row, Section};
 use panelprep_service::stages::removal::EarlierRemoval;

@@ -17,7 +17,7 @@ fn a_whole_cycle_passes_after_an_abrasion() {
     let page =
         std::fs::read_to_string(folder.path().join(ended["report"].as_str().expect("a file"))).expect("the page");
     assert!(
-        page.contains("released / not released") && page.contains("start: done, with at most 2 abrasions"),
+        page.contains("released / not released") && page.contains("start: done, with at most 2 sanding passes"),
         "{page}"
     );
     let (exit, ended) = json(folder.path(), &format!("{cycle} --scene clean"));

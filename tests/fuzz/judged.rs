@@ -57,12 +57,17 @@ fn save_failed_input(target: &Target, bytes: &[u8], why: &str) -> String {
 
 #[test]
 fn no_reader_fails_on_invalid_bytes() {
-    let changes = std::env::var("FUZZ_CHANGES").ok().and_then(|text| text.parse().ok()).unwrap_or(DEFAULT_CHANGE_COUNT);
+    let changes =
+        std::env::var("FUZZ_CHANGES").ok().and_then(|text| text.parse().ok()).unwrap_or(DEFAULT_CHANGE_COUNT);
     let mut found = Vec::new();
     for (index, target) in TARGETS.iter().enumerate() {
         let known = [(target.seeds)(), corpus(target)].concat();
         assert!(!known.is_empty(), "{} has no seed", target.name);
-        found.extend(known.iter().filter_map(|bytes| Some(save_failed_input(target, bytes, &execution_problem(target, bytes)?))));
+        found.extend(
+            known
+                .iter()
+                .filter_map(|bytes| Some(save_failed_input(target, bytes, &execution_problem(target, bytes)?))),
+        );
         let (mut draw, begun, mut done) = (Pcg64::seed_from_u64(index as u64), computed(), 0);
         while done < changes && (changes > DEFAULT_CHANGE_COUNT || computed() - begun < TARGET_TIME_LIMIT) {
             let [one, other] = [0, 1].map(|_| &known[draw.random_range(0..known.len())]);

@@ -47,7 +47,10 @@ fn the_order_on_which_a_stop_depends_is_kept() {
             "$FLAG[CELL_F_HALT]=TRUE",
         ],
     );
-    expect_in_order(routines["CELL_RESET"], &["CELL_OPEN=FALSE", "CELL_BEGIN", "CELL_STOPPED=FALSE", "CELL_OPEN=TRUE"]);
+    expect_in_order(
+        routines["CELL_RESET"],
+        &["CELL_OPEN=FALSE", "CELL_BEGIN", "CELL_STOPPED=FALSE", "CELL_OPEN=TRUE"],
+    );
     expect_in_order(routines["CELL_BEGIN"], &["CELL_RX=0", "CELL_EP=NUMBER"]);
     expect_in_order(routines["CELL_TAKE"], &["CELL_RING[SLOT]=CMD", "CELL_RX=CMD.ID"]);
     expect_in_order(

@@ -90,7 +90,8 @@ fn codes(path: &Path, text: &str) -> BTreeSet<String> {
         let rests: Vec<String> = on_one_line.split(call).skip(1).map(str::to_owned).collect();
         rests.into_iter().filter_map(move |rest| rest.split(", ").take(most).find_map(word))
     });
-    let given = TABLES.iter().filter(|(file, _)| of(file)).flat_map(|(_, table)| match_results(function_text(text, table)));
+    let given =
+        TABLES.iter().filter(|(file, _)| of(file)).flat_map(|(_, table)| match_results(function_text(text, table)));
     let flaws = if of(&"inspect/quality.rs") { function_text(text, "pub fn word(") } else { "" };
     called.chain(given).chain(match_results(flaws)).collect()
 }

@@ -98,8 +98,12 @@ impl Walk {
             return self.computer.exported.push((name.to_owned(), value.to_owned()));
         }
         if let Some(beside) = here.strip_suffix(" &") {
-            let child =
-                self.computer.shell_command(&format!("exec {beside}")).stdin(Stdio::null()).spawn().expect("a shell");
+            let child = self
+                .computer
+                .shell_command(&format!("exec {beside}"))
+                .stdin(Stdio::null())
+                .spawn()
+                .expect("a shell");
             return self.beside.push((line.to_owned(), child));
         }
         if line == "wait" {
@@ -193,7 +197,8 @@ impl Walk {
     fn begin_cycle(&self) {
         self.cell.put(CellContents::Panel(1));
         let began = Instant::now();
-        let done = |line: &str| self.computer.shell_command(&self.computer.adapted_text(line)).output().expect("a shell");
+        let done =
+            |line: &str| self.computer.shell_command(&self.computer.adapted_text(line)).output().expect("a shell");
         let recipe = "panelprep ctl start --recipe /etc/panelprep/door.toml";
         for line in ["panelprep ctl reset --wait", recipe] {
             while !done(line).status.success() {

@@ -2,7 +2,7 @@
 
 use super::offices::{Cell, Plant, TIMEOUT, runtime};
 use super::with_office;
-use crate::commands::{json, started};
+use crate::commands::{json, start_program};
 use crate::operator_page::{in_browser, modules};
 use crate::plant::{archive_settings, database, free_port, postgres_programs};
 use crate::service::{START, Service, taught};
@@ -35,10 +35,11 @@ fn people_look_at_all_cells_in_a_browser() {
     plant.wait_until_archived("cell-1", &folder.path().join("cell/store"));
     plant.wait_until_archived("cell-2", &other.path());
     let account = format!("archive account office --printed-name Office --settings {}", plant.settings.display());
-    let mut made = started(plant.folder.path(), &account);
+    let mut made = start_program(plant.folder.path(), &account);
     std::io::Write::write_all(&mut made.stdin.take().expect("an input"), b"a long password\n").expect("written");
     assert!(made.wait().expect("it ends").success());
-    let _fleet = KilledOnDrop(started(plant.folder.path(), &format!("fleet --settings {}", plant.settings.display())));
+    let _fleet =
+        KilledOnDrop(start_program(plant.folder.path(), &format!("fleet --settings {}", plant.settings.display())));
     plant.broker.start();
     let since = Instant::now();
     while std::net::TcpStream::connect(("127.0.0.1", port)).is_err() {
@@ -82,9 +83,9 @@ fn an_office_session_ends_when_its_account_changes() {
     let text = fs::read_to_string(&settings).expect("settings");
     fs::write(&settings, text + &format!("[fleet]\nlisten = \"127.0.0.1:{port}\"\n")).expect("written");
     // The archive creates the tables; it waits for a broker that is not started.
-    let _archive = KilledOnDrop(started(folder.path(), "archive run --settings archive.toml"));
+    let _archive = KilledOnDrop(start_program(folder.path(), "archive run --settings archive.toml"));
     store_account(folder.path(), "a long password");
-    let _fleet = KilledOnDrop(started(folder.path(), "fleet --settings archive.toml"));
+    let _fleet = KilledOnDrop(start_program(folder.path(), "fleet --settings archive.toml"));
     let since = Instant::now();
     while std::net::TcpStream::connect(("127.0.0.1", port)).is_err() {
         assert!(since.elapsed() < TIMEOUT, "the office's page does not listen");
@@ -118,7 +119,7 @@ fn free_port_of_database(folder: &Path) -> u16 {
 fn store_account(folder: &Path, password: &str) {
     let since = Instant::now();
     let is_kept = || {
-        let mut made = started(folder, "archive account office --printed-name Office --settings archive.toml");
+        let mut made = start_program(folder, "archive account office --printed-name Office --settings archive.toml");
         let line = format!("{password}\n");
         std::io::Write::write_all(&mut made.stdin.take().expect("an input"), line.as_bytes()).expect("written");
         made.wait().expect("it ends").success()

@@ -93,7 +93,7 @@ impl Cameras {
         let now_ms = world.now_ms();
         let (taken_ms, time_s) = taken.unwrap_or((now_ms, now_ms as f64 / 1e3));
         let step = (film_s(water, taken_ms) / PICTURE_INTERVAL_S).round() as i64;
-        let picture = film_picture(world.stands.looks(), &self.healed, step);
+        let picture = film_picture(world.stands.with_initial_appearance(), &self.healed, step);
         let picture = if world.is_dark() { black(&picture) } else { (*picture).clone() };
         Picture2d { picture, time_s }
     }
@@ -125,7 +125,7 @@ impl Cameras {
     }
 
     fn scan(&self) -> OrganizedCloud<Camera> {
-        let stands = self.world.lock().stands.looks();
+        let stands = self.world.lock().stands.with_initial_appearance();
         let render = || Arc::new(Fixture::get().scan(stands));
         (**rendered().scans.entry(stands).or_insert_with(render)).clone()
     }
@@ -133,13 +133,17 @@ impl Cameras {
     fn corner(&self) -> ColorPicture {
         let world = self.world.lock();
         let pose = world.cell.controller.flange_pose();
-        let picture = corner_picture(world.stands.looks(), &pose);
+        let picture = corner_picture(world.stands.with_initial_appearance(), &pose);
         let is_shut = world.lock_around().is_lens_shut(world.now_ms());
         if is_shut { black(&picture) } else { (*picture).clone() }
     }
 
     /// Returns the answer of a camera with this fault, if it differs from that of an intact camera.
-    fn faulty_answer(&mut self, harm: CameraHarm, command: CameraCommand) -> Option<Result<CameraAnswer, CameraFault>> {
+    fn faulty_answer(
+        &mut self,
+        harm: CameraHarm,
+        command: CameraCommand,
+    ) -> Option<Result<CameraAnswer, CameraFault>> {
         let flange = matches!(command, CameraCommand::CornerPicture);
         let camera = if flange { "the flange camera" } else { "the scanner" };
         let fault = |why: &str| CameraFault { camera, why: why.to_owned() };
@@ -283,7 +287,7 @@ pub fn view_hash(world: &Shared, act: Action) -> Option<u64> {
     }
     let is_shut = world.lock_around().is_lens_shut(now_ms);
     let mut hasher = DefaultHasher::new();
-    (world.stands.looks(), is_shut).hash(&mut hasher);
+    (world.stands.with_initial_appearance(), is_shut).hash(&mut hasher);
     if matches!(act, Action::Refine { .. } | Action::Verify { .. }) {
         rounded(&world.cell.controller.flange_pose()).hash(&mut hasher);
     }

@@ -99,7 +99,7 @@ impl Fixture {
 
     /// Returns the simulated cell with these contents.
     pub fn scene(&self, stands: CellContents) -> &sim::Cell {
-        &self.scenes[stands.looks() as usize]
+        &self.scenes[stands.with_initial_appearance() as usize]
     }
 
     /// Returns a scan of these contents by the 3D camera.

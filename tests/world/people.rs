@@ -170,7 +170,9 @@ impl People {
             let at = self.shown.len().saturating_sub(1 + back as usize);
             if let Some(shown) = self.shown.get(at) {
                 let carries = world.sabotage != Some(Sabotage::NoStep);
-                script::requests(press).into_iter().for_each(|request| desk.send_decision(request, *shown, carries));
+                script::requests(press)
+                    .into_iter()
+                    .for_each(|request| desk.send_decision(request, *shown, carries));
             }
         }
         let stated = world.stated();

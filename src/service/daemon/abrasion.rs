@@ -317,7 +317,7 @@ impl AbrasionWork {
                      {cycle}, pass {pass}"
                 );
             }
-            let how = if earlier.is_sure { "abraded" } else { "perhaps abraded" };
+            let how = if earlier.is_sure { "sanded" } else { "perhaps sanded" };
             format!("{grid} {how} in cycle {cycle}, pass {pass}")
         };
         grids.iter().flat_map(|grid| self.earlier_passes(grid).map(move |earlier| words(grid, earlier))).collect()
@@ -327,7 +327,9 @@ impl AbrasionWork {
         let names = worn.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
         let earlier = self.describe_earlier_passes(worn);
         let message = match earlier.is_empty() {
-            true => format!("the film broke again on {names} after {most} sanding passes (limit max_passes_per_grid)"),
+            true => {
+                format!("the film broke again on {names} after {most} sanding passes (limit max_passes_per_grid)")
+            }
             false => format!(
                 "the film broke on {names}, and the limit of {most} sanding passes (max_passes_per_grid) is reached. \
                  Passes in earlier cycles of this panel are counted, even if they may be incomplete: {}. Take this \

@@ -136,7 +136,8 @@ impl LoopMemory<'_> {
     /// Ends the self-test: combines the faults that the computing thread found with those that the loop found.
     fn end_self_test(&mut self, id: Id, found: Vec<(Trouble, Reason)>) -> Result<(), DaemonError> {
         let robot = self.state.facts.robot;
-        let unready = (robot != cycle::Robot::Ready).then(|| (Trouble::Refused, operator_texts::robot_reason(robot)));
+        let unready =
+            (robot != cycle::Robot::Ready).then(|| (Trouble::Refused, operator_texts::robot_reason(robot)));
         let full = self.ports.record.disk_space_problems().into_iter().map(|reason| (Trouble::Store, reason));
         let wrong: Vec<(Trouble, Reason)> =
             unready.into_iter().chain(found).chain(full).chain(self.tool_problem()).collect();

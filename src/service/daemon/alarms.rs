@@ -221,7 +221,8 @@ mod tests {
 
     fn found(cell: &[(&'static str, &str)], cameras: Option<&[&str]>) -> FoundProblems {
         let cell = cell.iter().map(|(code, message)| Reason::new(code, *message)).collect();
-        let cameras = cameras.map(|all| all.iter().map(|message| Reason::new(CAMERA_ALARM_CODE, *message)).collect());
+        let cameras =
+            cameras.map(|all| all.iter().map(|message| Reason::new(CAMERA_ALARM_CODE, *message)).collect());
         FoundProblems { cell, cameras }
     }
 
@@ -254,7 +255,13 @@ mod tests {
         let active: Vec<bool> = standing.alarms(&[]).iter().map(Alarm::is_active).collect();
         assert_eq!(active, [true, false]);
         let who = "Ada (ada)".to_owned();
-        let seen = Acknowledgement { unix_ms: 50, cycle: None, code: CAMERA_ALARM_CODE.to_owned(), raised_unix_ms: 10, who };
+        let seen = Acknowledgement {
+            unix_ms: 50,
+            cycle: None,
+            code: CAMERA_ALARM_CODE.to_owned(),
+            raised_unix_ms: 10,
+            who,
+        };
         let seen: Vec<bool> = standing.alarms(&[seen]).iter().map(|alarm| alarm.acknowledged.is_some()).collect();
         assert_eq!(seen, [true, false]);
     }

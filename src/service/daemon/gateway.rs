@@ -91,8 +91,11 @@ impl Gateway {
         }
         match timeout(REPLY_TIMEOUT, answer).await {
             Ok(Ok(reply)) => reply,
-            Ok(Err(_)) => failed("ended", "the service ended before it could answer; start the service and repeat \
-                                           the request"),
+            Ok(Err(_)) => failed(
+                "ended",
+                "the service ended before it could answer; start the service and repeat \
+                                           the request",
+            ),
             // The reply is "failed", not "refused": the request is in the queue and may still be executed.
             Err(_) => failed(
                 "silent",

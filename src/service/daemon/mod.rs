@@ -112,7 +112,7 @@ pub use protocol::{MAX_BYTES, ProtocolError, read_request, request_line};
 pub use push::{PushParts, PushSender, PushStatus};
 pub use recording::{MIN_FREE_SPACE_MB, StoreRecord, picture_store};
 pub use replay::{
-    Difference, Player, MIN_FREE_SPACE_FOR_RECORDING_MB, RecordedPort, Recording, RecordingPlan, RecordingResult,
+    Difference, MIN_FREE_SPACE_FOR_RECORDING_MB, Player, RecordedPort, Recording, RecordingPlan, RecordingResult,
     RecordingStatus, RecordingSwitch, ReplayResult, disk_full_message, free_mb, recording_file, recordings,
 };
 pub use request::{

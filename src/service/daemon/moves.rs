@@ -291,9 +291,12 @@ impl LoopMemory<'_> {
         let Some(gated) = self.choose_route(motion) else {
             self.record_problem(
                 Kind::Gate,
-                vec![Reason::new("no_route", "the path cannot be checked, because the panel's pose, the plan or the \
+                vec![Reason::new(
+                    "no_route",
+                    "the path cannot be checked, because the panel's pose, the plan or the \
                                               arm's pose is not known; check the connection to the controller and \
-                                              locate the panel again")],
+                                              locate the panel again",
+                )],
             )?;
             self.answer_action(id, Answer::Failed(Trouble::Gate));
             return Ok(());

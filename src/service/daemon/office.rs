@@ -180,8 +180,10 @@ impl StateReporter {
 fn lasting_alarms(front: &InterfaceContext) -> Vec<ReasonText> {
     front.check_alarms();
     let lasting = front.people.read(|store| front.alarms.active_in_order(store)).unwrap_or_else(|error| {
-        tracing::warn!("the alarms cannot be reported to the office server: {error}; they are reported again \
-                        automatically");
+        tracing::warn!(
+            "the alarms cannot be reported to the office server: {error}; they are reported again \
+                        automatically"
+        );
         Vec::new()
     });
     let is_told = |alarm: &Alarm| alarm.priority > Priority::Note;
@@ -313,7 +315,10 @@ impl Sender {
             let stream = link.stream().await.map_err(broken)?;
             self.progress.set_stream(&stream);
             self.files.clear();
-            tracing::info!("sending records to the office server through the broker {}", self.office.broker.address);
+            tracing::info!(
+                "sending records to the office server through the broker {}",
+                self.office.broker.address
+            );
             self.link = Some(link);
         }
         let Some(link) = &self.link else { return Ok(false) };
@@ -473,8 +478,11 @@ impl Sender {
         let message = Message { cell: cell.clone(), envelope };
         let message = message.bytes().map_err(|error| error.to_string())?;
         whole.push((ChunkOwner::Message(position), message));
-        let link = self.link.as_ref().ok_or_else(|| "the connection to the broker is lost; it is opened again \
-                                                     automatically".to_owned())?;
+        let link = self.link.as_ref().ok_or_else(|| {
+            "the connection to the broker is lost; it is opened again \
+                                                     automatically"
+                .to_owned()
+        })?;
         let mut sending = Vec::new();
         for (what, content) in whole {
             *bytes += content.len();

@@ -132,14 +132,20 @@ pub fn refusal(request: Request, refusal: Refusal, state: &State) -> Reason {
 /// Returns the reason that describes the condition of the robot, for example why it is not ready.
 pub(super) fn robot_reason(robot: Robot) -> Reason {
     let (code, message) = match robot {
-        Robot::Unknown => ("robot_unknown", "no message was received from the robot controller yet; check its cable, \
-                                             address and program"),
+        Robot::Unknown => (
+            "robot_unknown",
+            "no message was received from the robot controller yet; check its cable, \
+                                             address and program",
+        ),
         Robot::Ready => ("robot_ready", "the robot is ready"),
         Robot::LinkLost => {
             ("link_lost", "no connection to the robot controller; check its cable, address and program")
         }
-        Robot::Restarted => ("robot_restarted", "the robot controller or its program was restarted; wait until it is \
-                                                 ready"),
+        Robot::Restarted => (
+            "robot_restarted",
+            "the robot controller or its program was restarted; wait until it is \
+                                                 ready",
+        ),
         Robot::EmergencyStop => {
             ("emergency_stop", "an emergency stop is pressed; with the drives off the arm does not retract")
         }
@@ -168,12 +174,16 @@ pub(super) fn trouble_reason(trouble: Trouble) -> Reason {
             "compliant tool fault; the arm keeps the tool off the panel. Read the finding of this fault, then run \
              `panelprep doctor`",
         ),
-        Trouble::Starved => ("starved", "the robot stopped on its path, because further waypoints arrived too late"),
+        Trouble::Starved => {
+            ("starved", "the robot stopped on its path, because further waypoints arrived too late")
+        }
         Trouble::Override => (
             "override",
             "contact requires an override of 100 %, but the controller's override is different or was changed",
         ),
-        Trouble::Slow => ("slow", "the robot is far behind its planned motion; check its override and its messages"),
+        Trouble::Slow => {
+            ("slow", "the robot is far behind its planned motion; check its override and its messages")
+        }
         Trouble::Gate => ("gate", "a path failed a check and was not sent; read the finding for the reason"),
         Trouble::Refused => ("refused", "the robot refused a command, or the command could not be sent"),
         Trouble::Short => ("short", "the robot stopped before the end of its path"),

@@ -98,7 +98,8 @@ impl AccountService {
     /// Adds an entry to the audit trail; if the disk cannot be written, the entry is written to the service's log.
     pub fn audit(&self, entry: &AuditEntry) {
         if let Err(error) = self.write(|store| store.store_audit(entry)) {
-            let (what, who) = (&entry.what, entry.who.as_deref().unwrap_or("an unknown person who is not logged in"));
+            let (what, who) =
+                (&entry.what, entry.who.as_deref().unwrap_or("an unknown person who is not logged in"));
             tracing::warn!("the audit trail could not be written: {error}; lost entry: {what} by {who}");
         }
     }
@@ -131,8 +132,10 @@ impl AccountService {
             }
         };
         if let Err(error) = thread::Builder::new().name("log-ins".to_owned()).spawn(wait) {
-            tracing::warn!("the number of failed log-ins could not be stored: {error}; it is stored with the next \
-                            failed log-in");
+            tracing::warn!(
+                "the number of failed log-ins could not be stored: {error}; it is stored with the next \
+                            failed log-in"
+            );
         }
     }
 
@@ -140,8 +143,10 @@ impl AccountService {
         match self.read(|store| store.accounts()) {
             Ok(mut accounts) => accounts.remove(name),
             Err(error) => {
-                tracing::warn!("log-in is not possible, because the accounts cannot be read: {error}; check the disk \
-                                and the store");
+                tracing::warn!(
+                    "log-in is not possible, because the accounts cannot be read: {error}; check the disk \
+                                and the store"
+                );
                 None
             }
         }
@@ -374,10 +379,9 @@ mod tests {
         (0..25).for_each(|_| people.audit_failed_login(&line));
         let counted = || {
             let lines = people.read(|store| store.audit(None, 100)).expect("read");
-            lines
-                .iter()
-                .filter_map(|line| line.entry.refused.clone())
-                .any(|refused| refused == "further wrong log-ins within a minute, without a line of their own: 5")
+            lines.iter().filter_map(|line| line.entry.refused.clone()).any(|refused| {
+                refused == "further failed log-ins within a minute that have no entry of their own: 5"
+            })
         };
         while !counted() {
             assert!(begun.elapsed() < Duration::from_secs(60), "the count is lost");

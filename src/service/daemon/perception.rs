@@ -405,8 +405,13 @@ impl Perception {
         place: (Rigid<Base, Panel>, Rigid<Base, FlangeCamera>),
     ) -> Result<Sighting, Reason> {
         let index = self.corners.aimed_corner();
-        let no_corner = || Reason::new("no_corner", "no corner of this panel was taught; teach a corner with \
-                                                     --corner and --flange");
+        let no_corner = || {
+            Reason::new(
+                "no_corner",
+                "no corner of this panel was taught; teach a corner with \
+                                                     --corner and --flange",
+            )
+        };
         let corner = (index, cycle.corners.get(index).ok_or_else(no_corner)?);
         let found = taught(cycle).find(corner, picture, place).map_err(|error| reason("no_corner", &error))?;
         self.corners.record_sighting(view, found);

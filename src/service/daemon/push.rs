@@ -116,9 +116,11 @@ impl Connection {
     pub fn new(push: &PushSettings) -> Result<Self, String> {
         let token = push.token_file.as_deref().map(trust::secret).transpose().map_err(|error| error.to_string())?;
         let authorization = token.map(|token| HeaderValue::try_from(format!("Bearer {token}"))).transpose();
-        let authorization = authorization
-            .map_err(|_| "the token in the file of [push] contains characters that are not valid in an HTTP header; \
-                          write the token again".to_owned())?;
+        let authorization = authorization.map_err(|_| {
+            "the token in the file of [push] contains characters that are not valid in an HTTP header; \
+                          write the token again"
+                .to_owned()
+        })?;
         let config = push.ca_certificate.as_deref().map(|file| trust::client_config(file, None)).transpose();
         let config = config.map_err(|error| error.to_string())?;
         let tls = config.map(|config| TlsConnector::from(Arc::new(config)));
@@ -152,8 +154,13 @@ impl Connection {
             let name = ServerName::try_from(host.clone()).map_err(|error| error.to_string())?;
             begin_connection(tls.connect(name, stream).await.map_err(|error| error.to_string())?).await
         };
-        let late = |_| format!("the server of the quality system did not respond within {} s; the file is sent again \
-                                automatically", CONNECT_TIMEOUT.as_secs());
+        let late = |_| {
+            format!(
+                "the server of the quality system did not respond within {} s; the file is sent again \
+                                automatically",
+                CONNECT_TIMEOUT.as_secs()
+            )
+        };
         timeout(CONNECT_TIMEOUT, connecting).await.map_err(late)?
     }
 
@@ -182,8 +189,13 @@ impl Connection {
             let response = sender.send_request(request).await.map_err(|error| error.to_string())?;
             Ok::<_, String>(read_response(response).await)
         };
-        let late = |_| format!("the server of the quality system did not respond within {} s; the file is sent again \
-                                automatically", RESPONSE_TIMEOUT.as_secs());
+        let late = |_| {
+            format!(
+                "the server of the quality system did not respond within {} s; the file is sent again \
+                                automatically",
+                RESPONSE_TIMEOUT.as_secs()
+            )
+        };
         let answered = timeout(RESPONSE_TIMEOUT, asking).await.map_err(late)??;
         self.sender = Some(sender);
         Ok(answered)
@@ -381,8 +393,10 @@ impl Sender {
             let (records, cycle) = (self.records.clone(), row.cycle);
             let made = tokio::task::spawn_blocking(move || records.pdf(cycle)).await;
             let made = made.map_err(|error| error.to_string())?.unwrap_or_else(|problem| {
-                tracing::warn!("cannot send the page of cycle {cycle} to the quality system: {problem}; it is sent \
-                                again automatically");
+                tracing::warn!(
+                    "cannot send the page of cycle {cycle} to the quality system: {problem}; it is sent \
+                                again automatically"
+                );
                 None
             });
             self.page = Some((row.number, made.map_or(vec![], |made| page_files(cycle, made))));

@@ -104,7 +104,10 @@ pub fn picture_store(store: &Store) -> Result<PictureStore, StoreError> {
 
 /// Returns the reason for a full disk, with the files that can be deleted and the space that is needed.
 fn disk_full_reason(store: &Store) -> Reason {
-    Reason::new("disk_full", format!("{}; a cycle needs {MIN_FREE_SPACE_MB} MB of free space", store.disk_full_error()))
+    Reason::new(
+        "disk_full",
+        format!("{}; a cycle needs {MIN_FREE_SPACE_MB} MB of free space", store.disk_full_error()),
+    )
 }
 
 fn record_error(error: impl std::error::Error + Send + Sync + 'static) -> RecordError {

@@ -233,8 +233,10 @@ impl RequestHandler {
     /// Sends these states to systemd; has no effect without systemd.
     fn notify(states: &[NotifyState<'_>]) {
         if let Err(error) = sd_notify::notify(states) {
-            tracing::warn!("cannot send the state to systemd: {error}; if this continues, systemd restarts the \
-                            service");
+            tracing::warn!(
+                "cannot send the state to systemd: {error}; if this continues, systemd restarts the \
+                            service"
+            );
         }
     }
 
@@ -522,7 +524,9 @@ pub fn wait_for<T>(queue: &RequestQueue, mut attempt: impl FnMut() -> Result<T, 
 /// Sends these states to systemd; has no effect without systemd.
 fn notify(states: &[NotifyState<'_>]) {
     if let Err(error) = sd_notify::notify(states) {
-        tracing::warn!("cannot send the state to systemd: {error}; if this continues, systemd restarts the service");
+        tracing::warn!(
+            "cannot send the state to systemd: {error}; if this continues, systemd restarts the service"
+        );
     }
 }
 

@@ -86,8 +86,11 @@ impl LoopMemory<'_> {
             }
             R::SequenceError(error) => self.on_epoch_over(Trouble::Sequence, reason("sequence", &error))?,
             R::WatchdogExpired { channel, silence } => {
-                let words = format!("no message was received on the {channel} for {} ms; check the cable and the \
-                                     robot program", silence.as_millis());
+                let words = format!(
+                    "no message was received on the {channel} for {} ms; check the cable and the \
+                                     robot program",
+                    silence.as_millis()
+                );
                 self.on_epoch_over(Trouble::Late, Reason::new("watchdog", words))?;
             }
         }

@@ -160,9 +160,11 @@ impl<'r> SingleRobot<'r> {
         require_accept(Judgement::new(self.changed_programs_reason(cell).into_iter().collect(), vec![]))?;
         match command {
             Command::MoveLin(_) | Command::MoveJ(_) | Command::SetDigout(_) | Command::CallSubroutine { .. } => {
-                let message =
-                    format!("{} cannot be sent by this function, because it needs further checks: use its own \
-                             command", command.name());
+                let message = format!(
+                    "{} cannot be sent by this function, because it needs further checks: use its own \
+                             command",
+                    command.name()
+                );
                 return Err(gate(Reason::new("not_single", message)));
             }
             _ => self.open_epoch()?,
@@ -340,7 +342,12 @@ impl<'r> SingleRobot<'r> {
         ];
         let open = checks.into_iter().filter(|(wrong, ..)| *wrong);
         let others = open.map(|(_, code, message)| Reason::new(code, message));
-        let reasons = self.changed_programs_reason(cell).into_iter().chain(self.missing_proof_reason(cell)).chain(others).collect();
+        let reasons = self
+            .changed_programs_reason(cell)
+            .into_iter()
+            .chain(self.missing_proof_reason(cell))
+            .chain(others)
+            .collect();
         require_accept(Judgement::new(reasons, vec![]))
     }
 
@@ -388,8 +395,11 @@ impl<'r> SingleRobot<'r> {
                 Some(Report::Interrupted { cause }) => return Err(self.stopped_error(cause.to_string())),
                 Some(Report::SequenceError(error)) => return Err(self.stopped_error(error.to_string())),
                 Some(Report::WatchdogExpired { channel, silence }) => {
-                    let words = format!("no message was received on the {channel} for {} ms; check the cable and the \
-                                         robot program", silence.as_millis());
+                    let words = format!(
+                        "no message was received on the {channel} for {} ms; check the cable and the \
+                                         robot program",
+                        silence.as_millis()
+                    );
                     return Err(self.stopped_error(words));
                 }
                 _ => {}
@@ -433,8 +443,11 @@ impl<'r> SingleRobot<'r> {
         match &report {
             Some(Report::Connected { state } | Report::State(state)) => self.state = **state,
             Some(Report::Rebooted { .. }) => {
-                return Err(SingleError::Robot("the controller was restarted; wait until it is ready, then repeat the \
-                                               command".to_owned()));
+                return Err(SingleError::Robot(
+                    "the controller was restarted; wait until it is ready, then repeat the \
+                                               command"
+                        .to_owned(),
+                ));
             }
             Some(Report::LinkLost { why }) => return Err(SingleError::LinkLost(why.clone())),
             _ => {}

@@ -122,7 +122,11 @@ mod tests {
             let inputs = (inputs, outputs);
             for (a1_deg, parked) in [(10.0, true), (10.05, true), (10.2, false), (-120.0, false)] {
                 for path in [Path::Park, Path::Corner { view: 0 }] {
-                    assert_eq!(is_permitted(motion(path), inputs, a1_deg), water_off && tool_off, "{path:?} {inputs:?}");
+                    assert_eq!(
+                        is_permitted(motion(path), inputs, a1_deg),
+                        water_off && tool_off,
+                        "{path:?} {inputs:?}"
+                    );
                 }
                 for (name, expected) in [
                     ("spray", parked && lens_shut && tool_off),

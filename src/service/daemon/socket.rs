@@ -430,8 +430,8 @@ mod tests {
             refusal(Some(Role::Viewer), &unknown, &RequestKind::NewDisc).is_some(),
             "an unknown user is not root"
         );
-        let reported =
-            refusal(Some(Role::Viewer), &author_with_uid(1_001), &RequestKind::Table(Request::Hold)).expect("refused");
+        let reported = refusal(Some(Role::Viewer), &author_with_uid(1_001), &RequestKind::Table(Request::Hold))
+            .expect("refused");
         assert!(
             reported.code == "not_permitted" && reported.message.contains("permitted roles: operator, engineer"),
             "{reported:?}"
@@ -442,7 +442,8 @@ mod tests {
     /// An operator, or a person with fewer permissions, can only start recipes from the folder.
     #[test]
     fn a_recipe_text_needs_the_permission_to_change_the_folder() {
-        let own = |role, uid| AccessRule { role, service_uid: SERVICE }.recipe_text_permission(&author_with_uid(uid));
+        let own =
+            |role, uid| AccessRule { role, service_uid: SERVICE }.recipe_text_permission(&author_with_uid(uid));
         for role in Role::VARIANTS.iter().copied() {
             let expected =
                 if role == Role::Engineer { RecipeTextPermission::Allowed } else { RecipeTextPermission::Refused };

@@ -133,7 +133,8 @@ impl Wiring {
             Some(Wire { output: number, bit, feedback, opposite })
         };
         let own = |output: Output| wire(io.output(output), output);
-        let (spray, rinse) = (own(Output::Spray), wire(io.outputs().get(RINSE_OUTPUT_NAME).copied(), Output::Spray));
+        let (spray, rinse) =
+            (own(Output::Spray), wire(io.outputs().get(RINSE_OUTPUT_NAME).copied(), Output::Spray));
         Wiring {
             light: own(Output::Light),
             spray: spray.or(rinse),

@@ -113,7 +113,11 @@ pub fn bounds(pixels: impl IntoIterator<Item = Pixel>, (width, height): (usize, 
 }
 
 /// Crops a picture and a mask to the same box.
-pub fn crop_with_mask(picture: &ColorPicture, mask: &Mask, [low, high]: [(usize, usize); 2]) -> (ColorPicture, Mask) {
+pub fn crop_with_mask(
+    picture: &ColorPicture,
+    mask: &Mask,
+    [low, high]: [(usize, usize); 2],
+) -> (ColorPicture, Mask) {
     let size = (high.0.saturating_sub(low.0).max(1), high.1.saturating_sub(low.1).max(1));
     let part = crop(picture, low.0, low.1, size);
     let rows = (low.1..low.1 + part.height).flat_map(|row| &mask.inside[row * mask.width + low.0..][..part.width]);

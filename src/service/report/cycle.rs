@@ -221,9 +221,10 @@ fn budget(record: &CycleRecord) -> Section {
     }
     Section {
         heading: "Error at the tool".to_owned(),
-        text: "At 95 % confidence. The total is the root of the sum of squares; it is stated if every component was \
+        text:
+            "At 95 % confidence. The total is the root of the sum of squares; it is stated if every component was \
                measured."
-            .to_owned(),
+                .to_owned(),
         rows,
         figures: Vec::new(),
     }
@@ -402,7 +403,8 @@ fn describe_request(wanted: &RequestedAction) -> (String, String) {
             Request::Reset => plain("reset", ""),
             Request::Start { max_passes, max_moves, dries } => {
                 let reference = if *dries { ", and a new dry picture after each sanding pass" } else { "" };
-                let limits = format!("at most {max_passes} sanding passes and {max_moves} moves for corner pictures");
+                let limits =
+                    format!("at most {max_passes} sanding passes and {max_moves} moves for corner pictures");
                 ("start".to_owned(), format!(", with {limits}{reference}"))
             }
             Request::AirRun { max_moves } => {
@@ -418,10 +420,9 @@ fn describe_request(wanted: &RequestedAction) -> (String, String) {
             Request::Accept => plain("accept", ", the result that waited for review was accepted"),
             Request::Stop => plain("stop", ""),
             Request::Abort => plain("abort", ""),
-            Request::Clear => plain(
-                "clear",
-                ", a person confirmed that the cause is removed and the pad is off the panel",
-            ),
+            Request::Clear => {
+                plain("clear", ", a person confirmed that the cause is removed and the pad is off the panel")
+            }
         },
     }
 }

@@ -63,7 +63,8 @@ fn grids(inspection: &Inspection) -> Section {
             (false, false) => "not passed: not completely visible",
         };
         let when = grid.time_to_break_s.map(|time_s| format!(" from {time_s:.1} s")).unwrap_or_default();
-        let share = if grid.seen { String::new() } else { format!(", {:.0} % visible", 100.0 * footprint.seen_share) };
+        let share =
+            if grid.seen { String::new() } else { format!(", {:.0} % visible", 100.0 * footprint.seen_share) };
         let by = match grid.reference {
             ComparisonReference::DryAndWet => String::new(),
             reference => format!("; evaluated by its {}", reference.describe()),

@@ -72,7 +72,7 @@ fn draw_dwell(
     let sizes: Vec<_> = dwell.grids.iter().map(|grid| (grid.id, grid.columns, grid.dwell_s.len())).collect();
     let of_sample = |number: usize, sample: usize, _| color(&dwell.grids[number], sample);
     let painted = paint_grids(&unrolled, (region, &sizes), NOT_REQUESTED_COLOR, of_sample);
-    unrolled.finished(&painted, (region, &sizes), legend)
+    unrolled.with_grids_and_legend(&painted, (region, &sizes), legend)
 }
 
 /// Colours of depth 0 and of the limit of the depth.
@@ -125,7 +125,7 @@ pub fn removal_map(
         (NO_REMOVAL_COLOR, "nothing removed"),
         (NO_PANEL_COLOR, "not evaluated"),
     ]);
-    unrolled.finished(&painted, (region, &sizes), &legend)
+    unrolled.with_grids_and_legend(&painted, (region, &sizes), &legend)
 }
 
 /// Number of pixels along the longer side of the region.

@@ -87,7 +87,8 @@ pub fn check_feed(cell: &Cell, recipe: &Recipe) -> Result<(), UnmetRequirement> 
         return Ok(());
     }
     let [found, limit] = [found, limit].map(shortest_text);
-    let message = format!("found {found}, but [limits] max_speed_mm_s of the cell's file is {limit}: lower the feed");
+    let message =
+        format!("found {found}, but [limits] max_speed_mm_s of the cell's file is {limit}: lower the feed");
     Err(UnmetRequirement::new("path.feed_mm_s", message))
 }
 
@@ -134,9 +135,10 @@ fn corner_outside_picture(recipe: &Recipe, [width_px, height_px]: [usize; 2]) ->
     let is_outside =
         |[u, v]: &[f64; 2]| !(0.0..=width_px as f64).contains(u) || !(0.0..=height_px as f64).contains(v);
     let [u, v] = recipe.region().corners_px().into_iter().find(is_outside)?.map(shortest_text);
-    let message =
-        format!("the corner ({u}, {v}) is outside of the scanner's picture of {width_px} × {height_px} px: set a \
-                 corner inside");
+    let message = format!(
+        "the corner ({u}, {v}) is outside of the scanner's picture of {width_px} × {height_px} px: set a \
+                 corner inside"
+    );
     Some(UnmetRequirement::new("region.corners_px", message))
 }
 

@@ -273,8 +273,8 @@ fn removal_checks(
 ) -> Vec<Check> {
     let figure = |number: fn(&MapFigures) -> f64| figures.map(number);
     let (target_um, max_um) = (asked.target_um(), asked.max_um());
-    let passes =
-        figure(|found| found.mean_um).map(|mean_um| (target_um / mean_um - RELATIVE_MEAN_TOLERANCE).ceil().max(1.0));
+    let passes = figure(|found| found.mean_um)
+        .map(|mean_um| (target_um / mean_um - RELATIVE_MEAN_TOLERANCE).ceil().max(1.0));
     let (bound_um, within) = (figure(|found| found.largest_bound_um), figure(|found| found.within_percent));
     vec![
         Check::new(name::REMOVED_MEAN, "µm", figure(|found| found.mean_um)),

@@ -77,8 +77,9 @@ impl UndamagedFiles {
             let taught = cell.flange_picture(&view.base_from_flange, PanelPosition::Nominal);
             let lens = (cell.flange_camera(), cell.calibrated_flange_from_camera());
             let settings = (recipe.corner(), number);
-            corners
-                .push(learn::teach_corner(&panel, settings, (&taught, view.base_from_flange), lens).expect("a corner"));
+            corners.push(
+                learn::teach_corner(&panel, settings, (&taught, view.base_from_flange), lens).expect("a corner"),
+            );
             let base_from_flange = cell.displaced_corner_pose(&view);
             let picture = cell.flange_picture(&base_from_flange, PanelPosition::Displaced);
             let png = files::write_color_png(&picture).expect("a picture");

@@ -7,7 +7,7 @@ mod script;
 
 use super::super::cell::{self, Blind, Cell, height_mm, setup};
 use super::{load, meaning, texts};
-use meant::{Both, Kind, INTENDED_DIFFERENCES};
+use meant::{Both, INTENDED_DIFFERENCES, Kind};
 use panelprep::devices::mock::{Clock, ExecutedMotion, Programs, Setup, World};
 use panelprep::eki::{Command, LinkLimits, LinkLoss, MoveLin, Refusal, Report, StopCause};
 use rayon::prelude::*;
@@ -225,7 +225,8 @@ fn run_both(seed: u64, ships: &Programs) -> Vec<Found> {
 fn the_model_and_the_programs_behave_equally() {
     let ships = load(&texts("config/kuka"));
     let scripts = std::env::var("KRL_WALKS").ok().and_then(|walks| walks.parse().ok()).unwrap_or(SCRIPTS);
-    let shows: Vec<u64> = INTENDED_DIFFERENCES.iter().map(|row| row.shown_by).filter(|seed| *seed >= scripts).collect();
+    let shows: Vec<u64> =
+        INTENDED_DIFFERENCES.iter().map(|row| row.shown_by).filter(|seed| *seed >= scripts).collect();
     let all: Vec<u64> = (0..scripts).chain(shows).collect();
     let found: Vec<Found> = all.into_par_iter().flat_map_iter(|seed| run_both(seed, &ships)).collect();
     let mut seeds: [Vec<u64>; INTENDED_DIFFERENCES.len()] = Default::default();

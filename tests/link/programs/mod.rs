@@ -143,7 +143,10 @@ fn no_walk_of_the_shipped_programs_violates_a_rule() {
         println!("{:?}", controller.flags());
     }
     assert_eq!(found.len(), 0, "of {walks}");
-    assert!(walks - from < MIN_WALKS_FOR_FULL_COVERAGE || missing.is_empty(), "no walk has executed these: {missing:?}");
+    assert!(
+        walks - from < MIN_WALKS_FOR_FULL_COVERAGE || missing.is_empty(),
+        "no walk has executed these: {missing:?}"
+    );
 }
 
 /// An undone fix: the file, the shipped text, the earlier text, and the variant of the controller's behaviour.

@@ -117,7 +117,12 @@ pub(super) const ALL: [Mutation; 19] = [
         "self.append(&Event::Reported(Report::StoreRestored), None)?;",
         "",
     ),
-    change("after a restore numbers of cycles are used again", RESTORES_SOURCE_PATH, "own.max(replaced)", "own.min(replaced)"),
+    change(
+        "after a restore numbers of cycles are used again",
+        RESTORES_SOURCE_PATH,
+        "own.max(replaced)",
+        "own.min(replaced)",
+    ),
     change(
         "after a restore a part counts from the backup",
         RESTORES_SOURCE_PATH,

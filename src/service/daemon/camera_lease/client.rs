@@ -121,8 +121,10 @@ fn unexpected_header_error(sent: &ShotHeader) -> CameraError {
         ShotHeader::Ended { .. } => "the end of a film",
         ShotHeader::Failed { .. } => "a failure",
     };
-    connection_error(format!("the service sent {what}, which was not requested; use the same version of the program \
-                              for the service and the command"))
+    connection_error(format!(
+        "the service sent {what}, which was not requested; use the same version of the program \
+                              for the service and the command"
+    ))
 }
 
 impl Scanner for RemoteScanner {

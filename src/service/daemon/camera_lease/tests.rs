@@ -223,7 +223,7 @@ fn a_cycle_ends_the_film_of_a_client() {
     let mut scanner = bench.scanner();
     scanner.begin_clip(5.0).expect("begun");
     scanner.next_clip_picture().expect("a picture");
-    refused(bench.scanner().capture_3d(), "another client is taking pictures now");
+    refused(bench.scanner().capture_3d(), "another client is capturing pictures now");
     bench.cameras.reserve();
     let end = (0..1_000).find_map(|_| scanner.next_clip_picture().err()).expect("the film ends");
     assert!(end.to_string().contains("the service is using the cameras for a cycle"), "{end}");

@@ -97,8 +97,10 @@ pub enum FleetError {
         source: std::io::Error,
     },
     /// The certificate.
-    #[error("the web page of the office server cannot be encrypted: {0}; check certificate and certificate_key in \
-             [fleet] of the archive's settings")]
+    #[error(
+        "the web page of the office server cannot be encrypted: {0}; check certificate and certificate_key in \
+             [fleet] of the archive's settings"
+    )]
     Certificate(#[from] PageFileError),
 }
 

@@ -74,7 +74,10 @@ impl Shared {
             |count: Option<u64>| count.into_iter().for_each(|count| tracing::warn!("{}", left_out_text(count)));
         left_out(counted.left_out);
         if counted.is_written {
-            tracing::warn!("{}: wrong name or password at the log-in to the web page of the office server", name.escape_debug());
+            tracing::warn!(
+                "{}: wrong name or password at the log-in to the web page of the office server",
+                name.escape_debug()
+            );
         }
         if let Some(after) = counted.report_after {
             let shared = self.clone();

@@ -135,8 +135,10 @@ impl Access {
     async fn write_audit(&self, line: AuditEntry) {
         let people = self.people.clone();
         if tokio::task::spawn_blocking(move || people.audit(&line)).await.is_err() {
-            tracing::warn!("an entry of the audit trail is lost, because the thread that writes the entries has \
-                            ended: restart the service and report this");
+            tracing::warn!(
+                "an entry of the audit trail is lost, because the thread that writes the entries has \
+                            ended: restart the service and report this"
+            );
         }
     }
 }
@@ -189,8 +191,10 @@ impl AuthManager for Access {
                 let line = AuditEntry { refused: Some(why.to_owned()), ..line(None) };
                 let people = self.people.clone();
                 if tokio::task::spawn_blocking(move || people.audit_failed_login(&line)).await.is_err() {
-                    tracing::warn!("an entry of the audit trail is lost, because the thread that writes the entries \
-                                    has ended: restart the service and report this");
+                    tracing::warn!(
+                        "an entry of the audit trail is lost, because the thread that writes the entries \
+                                    has ended: restart the service and report this"
+                    );
                 }
                 (
                     StatusCode::BadUserAccessDenied,
@@ -198,7 +202,10 @@ impl AuthManager for Access {
                 )
             }
             LoginResult::Pauses(left_s) => {
-                let problem = format!("the account is locked after too many wrong passwords; try again in {:.0} s", left_s.ceil());
+                let problem = format!(
+                    "the account is locked after too many wrong passwords; try again in {:.0} s",
+                    left_s.ceil()
+                );
                 (StatusCode::BadUserAccessDenied, problem)
             }
             LoginResult::Unknown => (

@@ -259,8 +259,10 @@ impl Calls {
         let line = AuditEntry { refused: refused.map(str::to_owned), ..line };
         let people = self.access.accounts_with_audit().clone();
         if tokio::task::spawn_blocking(move || people.audit(&line)).await.is_err() {
-            tracing::warn!("an entry of the audit trail is lost, because the thread that writes the entries has \
-                            ended: restart the service and report this");
+            tracing::warn!(
+                "an entry of the audit trail is lost, because the thread that writes the entries has \
+                            ended: restart the service and report this"
+            );
         }
     }
 }

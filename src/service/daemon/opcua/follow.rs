@@ -137,8 +137,10 @@ impl Follower {
         }
         let subscriptions: &SubscriptionCache = self.handle.subscriptions();
         if let Err(status) = self.nodes.set_values(subscriptions, changed.into_iter()) {
-            tracing::warn!("cannot update the values of the OPC UA server: {status}; they are written again at the \
-                            next change");
+            tracing::warn!(
+                "cannot update the values of the OPC UA server: {status}; they are written again at the \
+                            next change"
+            );
         }
     }
 }
@@ -316,8 +318,13 @@ impl StoreReader {
         }
         let turned_away = self.connections.take_rejected_count();
         if turned_away > 0 {
-            self.audit_refusal(None, format!("{turned_away} connections rejected, because the maximum number of \
-                                              connections is reached: close connections that are not needed"));
+            self.audit_refusal(
+                None,
+                format!(
+                    "{turned_away} connections rejected, because the maximum number of \
+                                              connections is reached: close connections that are not needed"
+                ),
+            );
         }
     }
 

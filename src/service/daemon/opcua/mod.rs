@@ -29,7 +29,7 @@ mod nodes;
 
 use self::access::Access;
 use self::calls::Calls;
-use self::certificates::{KEY, OWN_CERTIFICATE, RejectedFiles, TrustedFiles};
+use self::certificates::{KEY_PATH, OWN_CERTIFICATE, RejectedFiles, TrustedFiles};
 use self::conditions::AlarmConditions;
 use self::connection_limit::ConnectionLimiter;
 use self::follow::{Follower, NewestCycle, StoreReader, StoreValues, poll_store};
@@ -137,11 +137,17 @@ fn build(parts: &OpcUaParts, address: SocketAddr) -> Result<BuiltServer, String>
         .with_authenticator(access.clone())
         .build()?;
     let nodes = handle.node_managers().get_of_type::<InMemoryNodeManager<CellNodes>>();
-    let nodes = nodes.ok_or_else(|| "internal fault: the nodes of the cell are missing in the OPC UA server; report \
-                                     this".to_owned())?;
+    let nodes = nodes.ok_or_else(|| {
+        "internal fault: the nodes of the cell are missing in the OPC UA server; report \
+                                     this"
+            .to_owned()
+    })?;
     let core = handle.node_managers().get_of_type::<InMemoryNodeManager<CoreNodes>>();
-    let core = core.ok_or_else(|| "internal fault: the standard nodes of the OPC UA server are missing; report \
-                                   this".to_owned())?;
+    let core = core.ok_or_else(|| {
+        "internal fault: the standard nodes of the OPC UA server are missing; report \
+                                   this"
+            .to_owned()
+    })?;
     conditions.set_namespace(nodes.inner().namespace);
     Ok(BuiltServer { server, handle, nodes, core, conditions, access, connections: door })
 }
@@ -152,8 +158,12 @@ async fn serve_until_end(parts: &OpcUaParts, address: SocketAddr) -> Result<(), 
     let thumbprint = certificates::prepare(&parts.settings.certificates, &uri, &hosts);
     let thumbprint = thumbprint.map_err(|error| error.to_string())?;
     let listener = TcpListener::bind(address).await;
-    let listener = listener.map_err(|error| format!("cannot listen at {address}: {error}; set another address at \
-                                                     [opcua] listen, or end the program that uses it"))?;
+    let listener = listener.map_err(|error| {
+        format!(
+            "cannot listen at {address}: {error}; set another address at \
+                                                     [opcua] listen, or end the program that uses it"
+        )
+    })?;
     let failed = |error: std::io::Error| error.to_string();
     let behind = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).await.map_err(failed)?;
     let behind_address = behind.local_addr().map_err(failed)?;
@@ -258,7 +268,7 @@ fn builder(settings: &OpcUa, address: SocketAddr) -> ServerBuilder {
         })
         .pki_dir(&settings.certificates)
         .certificate_path(OWN_CERTIFICATE)
-        .private_key_path(KEY)
+        .private_key_path(KEY_PATH)
         .trust_client_certs(false)
         .check_cert_time(true)
         .discovery_urls(vec![format!("opc.tcp://{host}:{}/", address.port())])

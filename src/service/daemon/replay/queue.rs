@@ -404,7 +404,9 @@ fn value_size(value: &Value) -> usize {
 
 /// Describes why no recording is made on a disk with this free space.
 pub fn disk_full_message(free_mb: u64) -> String {
-    format!("the disk of the recording has {free_mb} MB of free space (minimum {MIN_FREE_SPACE_FOR_RECORDING_MB} MB); delete files")
+    format!(
+        "the disk of the recording has {free_mb} MB of free space (minimum {MIN_FREE_SPACE_FOR_RECORDING_MB} MB); delete files"
+    )
 }
 
 fn disk(error: std::io::Error) -> TapeError {

@@ -199,7 +199,7 @@ fn too_little_free_space_ends_the_recording_with_its_reason() {
     let recording = recording(begun(&disk), true, || MIN_FREE_SPACE_FOR_RECORDING_MB - 1);
     put_pictures(&recording.recorder(), 2_000);
     let written = recording.finish();
-    let words = "the disk of the recording has 1999 MB free (minimum 2000 MB); free some space";
+    let words = "the disk of the recording has 1999 MB of free space (minimum 2000 MB); delete files";
     assert!(written.is == RecordingStatus::NotWhole && written.message.ends_with(words), "{written:?}");
     let error = check_recording(&disk.bytes()[..]).expect_err("stopped");
     assert!(matches!(error, TapeError::Stopped { .. }) && error.to_string().ends_with(words), "{error}");

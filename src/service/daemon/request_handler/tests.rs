@@ -105,7 +105,7 @@ fn a_decision_is_valid_only_for_the_step_that_was_shown() {
     assert_eq!((&*reasons[0].code, reply.step), ("outdated", Some(11)));
     assert_eq!(
         reasons[0].message,
-        "accept was decided on step 7 (held, plan (review)), but the cell is now at step 11 (held, assess (review)); read the state and decide again"
+        "accept refers to step 7 (held, plan (review)), but the cell is now at step 11 (held, assess (review)); read the state and decide again"
     );
     // A decision on a step from before the start of this service is refused in the same way.
     for request in [cycle::Request::Clear, cycle::Request::Unhold { dried: true }] {

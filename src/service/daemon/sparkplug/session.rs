@@ -37,7 +37,8 @@ const CONNECT_TIMEOUT_S: u64 = 10;
 const DISCONNECT_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// The error text if the connection's task ended without a message, which indicates an error in the program.
-pub(super) const FAILED_TASK_MESSAGE: &str = "internal fault: the task of the connection to the broker ended; it is started again";
+pub(super) const FAILED_TASK_MESSAGE: &str =
+    "internal fault: the task of the connection to the broker ended; it is started again";
 
 /// The way in which a connection ended.
 pub(super) enum SessionEnd {
@@ -162,8 +163,13 @@ impl Session<'_> {
                 self.open_subscriptions = topics.len();
                 let all = topics.into_iter().map(|topic| self.client.try_subscribe(topic, quality_of_service(1)));
                 let failed = all.filter(Result::is_err).count();
-                (failed > 0).then(|| SessionEnd::Lost("the subscriptions could not be sent to the broker; the cell \
-                                                       connects again".to_owned()))
+                (failed > 0).then(|| {
+                    SessionEnd::Lost(
+                        "the subscriptions could not be sent to the broker; the cell \
+                                                       connects again"
+                            .to_owned(),
+                    )
+                })
             }
             rumqttc::Event::Incoming(Packet::SubAck(ack)) => {
                 if ack.return_codes.contains(&SubscribeReasonCode::Failure) {
@@ -183,8 +189,11 @@ impl Session<'_> {
             }
             rumqttc::Event::Incoming(Packet::Publish(message)) => {
                 let Ok(topic) = str::from_utf8(&message.topic) else {
-                    return Some(SessionEnd::Lost("the broker sent a topic that is not UTF-8; the cell connects \
-                                                  again".to_owned()));
+                    return Some(SessionEnd::Lost(
+                        "the broker sent a topic that is not UTF-8; the cell connects \
+                                                  again"
+                            .to_owned(),
+                    ));
                 };
                 let (payload, is_retained) = (&*message.payload, message.retain);
                 let acts = self.node.step(NodeEvent::Received { topic, payload, is_retained }, self.parts.now());
@@ -205,8 +214,11 @@ impl Session<'_> {
                         PublishOptions::new(quality_of_service(message.qos)),
                     );
                     if sent.is_err() {
-                        return Some(SessionEnd::Lost("a message could not be sent to the broker; the cell connects \
-                                                      again".to_owned()));
+                        return Some(SessionEnd::Lost(
+                            "a message could not be sent to the broker; the cell connects \
+                                                      again"
+                                .to_owned(),
+                        ));
                     }
                 }
                 // The connection never waits for the loop or the disk; the number of these tasks is limited.
@@ -248,7 +260,8 @@ fn describe_error(error: &ConnectionError) -> String {
                 "the broker refuses the user or the password; check [sparkplug] user and password_file".to_owned()
             }
             ConnectReturnCode::BadClientId => "the broker refuses the client ID; check the permissions of its \
-                                               user".to_owned(),
+                                               user"
+                .to_owned(),
             ConnectReturnCode::RefusedProtocolVersion => {
                 "the broker does not support MQTT 3.1.1; enable it on the broker, or use another broker".to_owned()
             }

@@ -1,6 +1,8 @@
 //! Tests with faulty brokers: the connection ends with a reason, and the cell receives no request.
 
-use super::session::{FAILED_TASK_MESSAGE, BrokerConnection, HostRequests, SessionEnd, SessionParts, run_connection};
+use super::session::{
+    BrokerConnection, FAILED_TASK_MESSAGE, HostRequests, SessionEnd, SessionParts, run_connection,
+};
 use crate::daemon::alarms::Alarms;
 use crate::daemon::gateway::Gateway;
 use crate::daemon::people::AccountService;

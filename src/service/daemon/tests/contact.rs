@@ -111,7 +111,7 @@ fn possible_earlier_abrasions_are_counted() {
     assert_eq!(story.outcome.verdict, Some(Verdict::Pass), "one more is allowed: {story}");
     let plan = story.findings.iter().find(|finding| finding.kind == Kind::Plan).expect("planned");
     let counted = plan.names("sanded in earlier cycles, counted");
-    assert!(counted.iter().all(|words| words.contains("perhaps abraded in cycle 7, pass 1")), "{counted:?}");
+    assert!(counted.iter().all(|words| words.contains("perhaps sanded in cycle 7, pass 1")), "{counted:?}");
     assert_eq!(counted.len(), plan.names("grids").len());
 
     for is_sure in [false, true] {
@@ -121,7 +121,7 @@ fn possible_earlier_abrasions_are_counted() {
         assert_eq!(story.outcome.verdict, Some(Verdict::Reject), "{story}");
         assert!(story.motions(Path::Contact).is_empty(), "{story}");
         let reason = story.findings.last().expect("a finding").judgement.reasons[0].clone();
-        let words = if is_sure { " abraded in cycle 7, pass 2" } else { "perhaps abraded in cycle 7, pass 2" };
+        let words = if is_sure { " sanded in cycle 7, pass 2" } else { "perhaps sanded in cycle 7, pass 2" };
         assert!(reason.code == "passes_used" && reason.message.contains(words), "{}", reason.message);
     }
 }

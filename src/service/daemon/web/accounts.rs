@@ -129,8 +129,12 @@ fn display_token(account: &Account) -> String {
 pub(super) fn begin_displays(web: &Web) {
     let accounts = match web.read(|store| store.accounts()) {
         Ok(accounts) => accounts,
-        Err(error) => return tracing::warn!("the sessions of the wall displays cannot be started: {error}; log in at \
-                                             each display"),
+        Err(error) => {
+            return tracing::warn!(
+                "the sessions of the wall displays cannot be started: {error}; log in at \
+                                             each display"
+            );
+        }
     };
     let displays = accounts.into_values().filter(|account| account.role == Role::Display && account.is_enabled);
     for account in displays {

@@ -90,12 +90,22 @@ impl Translations {
             let key = fields.next().unwrap_or_default();
             let row: Vec<String> = fields.collect();
             if row.iter().any(|word| word.trim().is_empty()) {
-                return Err(WordsError { line, problem: format!("the key {key} has no text in one of the languages; \
-                    add it") });
+                return Err(WordsError {
+                    line,
+                    problem: format!(
+                        "the key {key} has no text in one of the languages; \
+                    add it"
+                    ),
+                });
             }
             if table.insert(key.clone(), row).is_some() {
-                return Err(WordsError { line, problem: format!("the key {key} appears twice; delete one of the \
-                    lines") });
+                return Err(WordsError {
+                    line,
+                    problem: format!(
+                        "the key {key} appears twice; delete one of the \
+                    lines"
+                    ),
+                });
             }
         }
         Ok(Translations { languages, table })
@@ -226,8 +236,8 @@ mod tests {
     #[test]
     fn an_incomplete_translation_table_is_refused() {
         let problem = |text: &str| Translations::parse_table(text).expect_err("refused").to_string();
-        assert_eq!(problem("key,en\na,b\na,c\n"), "line 3: the key a appears twice");
-        assert_eq!(problem("key,en,de\na,b,\n"), "line 2: the key a has no text in one language");
+        assert_eq!(problem("key,en\na,b\na,c\n"), "line 3: the key a appears twice; delete one of the lines");
+        assert_eq!(problem("key,en,de\na,b,\n"), "line 2: the key a has no text in one of the languages; add it");
         assert!(problem("key,en\na,b,c\n").contains("line: 2"));
     }
 }

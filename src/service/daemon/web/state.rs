@@ -178,7 +178,8 @@ impl Refusals {
     /// Returns whether the entry about a refusal must be written; if not, it is counted.
     pub fn admit_line(&mut self, line: &AuditEntry, now_ms: u64) -> bool {
         let who = line.who.clone().unwrap_or_default();
-        let (limit, last) = self.0.entry(who).or_insert_with(|| (LineLimit::new(MAX_ENTRIES_PER_MINUTE, now_ms), line.clone()));
+        let (limit, last) =
+            self.0.entry(who).or_insert_with(|| (LineLimit::new(MAX_ENTRIES_PER_MINUTE, now_ms), line.clone()));
         last.clone_from(line);
         limit.admit_line(true)
     }

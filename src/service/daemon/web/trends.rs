@@ -260,8 +260,8 @@ mod tests {
             check: check.to_owned(),
             ..TrendQuery::default()
         };
-        assert_eq!(query("passes", "").name(), "passes");
-        assert_eq!(query("passes", " overlap ").name(), "overlap");
-        assert_eq!(query("", "").name(), "localization-residual");
+        assert_eq!(query("passes", "").value_name(), "passes");
+        assert_eq!(query("passes", " overlap ").value_name(), "overlap");
+        assert_eq!(query("", "").value_name(), "localization-residual");
     }
 }

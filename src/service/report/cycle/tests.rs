@@ -159,7 +159,7 @@ fn unknown_facts_about_a_contact_are_stated_as_unknown() {
             "<td>r1c1</td><td>pass 1: touched, extent unknown</td>",
             "<td>r1c2</td><td>pass 1: possibly touched, not confirmed</td>",
             "the end of the motion is unknown: at least 3 and at most 16 of 101 waypoints were executed",
-            "counts as abraded for max_passes_per_grid",
+            "is counted as sanded for max_passes_per_grid",
             "includes the whole interrupted path, 1234 mm²",
         ] {
             assert!(html.contains(part), "{outcome:?}: no {part} in\n{html}");

@@ -3,9 +3,9 @@
 //! The HTML is the first part of a cycle's page; the browser prints it on one sheet of A4.
 
 use super::tables::{
-    Block, EarlierCycle, GridMap, GridState, RecordSources, check_table, deviation_list, equipment_table, event_list,
-    failed_rows, film_list, map, value_list, reason_list, short_hash, shorten_for_page, signature_line, signatures,
-    format_uncertainty,
+    Block, EarlierCycle, GridMap, GridState, RecordSources, check_table, deviation_list, equipment_table,
+    event_list, failed_rows, film_list, format_uncertainty, map, reason_list, short_hash, shorten_for_page,
+    signature_line, signatures, value_list,
 };
 use maud::{Markup, PreEscaped, html as markup};
 use panelprep_base::number_text::{fixed_decimals, utc_text};
@@ -126,7 +126,8 @@ fn disposition_text(record: &CycleRecord) -> String {
         return "AIR-RUN: the path was run above the panel; nothing was tested and nothing is released".to_owned();
     }
     if record.is_on_foam() {
-        return "ON FOAM: an acceptance test of the cell with foam instead of a panel; nothing is released".to_owned();
+        return "ON FOAM: an acceptance test of the cell with foam instead of a panel; nothing is released"
+            .to_owned();
     }
     let Some(judgement) = &record.judgement else {
         return "NOT ENDED: this is not the final result of the cycle".to_owned();

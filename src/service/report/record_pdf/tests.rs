@@ -150,7 +150,7 @@ fn the_page_names_part_criteria_deviations_and_who_accepted_them() {
     assert_eq!(fact("procedure"), Some("ASTM F22-21, PS 4711 rev. C"));
     assert!(fact("recipe, SHA-256").is_some_and(|text| text.ends_with(", approved by eva, 2026-05-29")));
     assert_eq!(fact("earlier passes on this part"), Some("2 (cycle 3: 2)"));
-    assert_eq!(fact("abrasion"), Some("at most 2 abrasions per grid, 3 passes per part"));
+    assert_eq!(fact("abrasion"), Some("at most 2 sanding passes per grid, 3 passes per part"));
     assert_eq!(fact("acceptance"), Some("no grid with 30.0 mm² of broken film or more within 60.0 s"));
     // An uncertainty has two digits; a value that was not measured has no number.
     let budget = "total unknown (hand-eye 0.30 mm, localization 0.12 mm, fit not measured, robot not measured)";
