@@ -225,7 +225,7 @@ fn a_cycle_is_signed_exported_and_verified_by_three_programs() {
     let (exit, output) = json(at, &format!("store verify {CELL}"));
     assert_eq!((exit, output["signatures"].as_i64()), (0, Some(2)), "{output}");
     let page = fs::read_to_string(at.join("cell/store/reports/cycle-000001.html")).expect("the page");
-    for words in ["SN-17", "W-1", "inspected and released", "Grace (", "failed, abraded, then passed", "ASTM F22"] {
+    for words in ["SN-17", "W-1", "inspected and released", "Grace (", "failed, sanded, then passed", "ASTM F22"] {
         assert!(page.contains(words), "the page lacks {words}");
     }
     let pdf = fs::read(records.join("cycle-1.pdf")).expect("the PDF");

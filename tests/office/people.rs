@@ -119,7 +119,8 @@ fn free_port_of_database(folder: &Path) -> u16 {
 fn store_account(folder: &Path, password: &str) {
     let since = Instant::now();
     let is_kept = || {
-        let mut made = start_program(folder, "archive account office --printed-name Office --settings archive.toml");
+        let mut made =
+            start_program(folder, "archive account office --printed-name Office --settings archive.toml");
         let line = format!("{password}\n");
         std::io::Write::write_all(&mut made.stdin.take().expect("an input"), line.as_bytes()).expect("written");
         made.wait().expect("it ends").success()

@@ -56,7 +56,7 @@ pub enum SingleError {
     #[error("the robot did not execute the command: {0}")]
     Robot(String),
     /// The connection was lost during the function.
-    #[error("the link to the controller was lost: {0}; the controller stops the robot by itself")]
+    #[error("the connection to the controller was lost: {0}; the controller stops the robot automatically")]
     LinkLost(LinkLoss),
     /// The function exceeded its time limit.
     #[error("the command was not complete after {} s of the robot's time; the robot was commanded to stop", .0.as_secs())]

@@ -82,7 +82,7 @@ fn login_form(status: StatusCode, problem: Option<&str>) -> Response {
                 @if let Some(problem) = problem { p.bad role="alert" { (problem) } }
                 button.primary type="submit" { "Log in" }
             }
-            p.note { "Create accounts on the office's computer with: panelprep archive account NAME" }
+            p.note { "Create accounts on the computer of the office server with: panelprep archive account NAME" }
         }
     };
     (status, shared::page("Log in", "", None, &body)).into_response()

@@ -341,7 +341,7 @@ impl GridState {
         match self {
             GridState::NotTested => "not tested",
             GridState::Passed => "passed",
-            GridState::PassedAfterAbrasion => "failed, abraded, then passed",
+            GridState::PassedAfterAbrasion => "failed, sanded, then passed",
             GridState::Failed => "failed",
         }
     }

@@ -134,7 +134,7 @@ fn the_map_shows_the_result_of_each_grid() {
     let map = sheet.map.as_ref().expect("a map");
     assert_eq!(map.rows, [[Passed, PassedAfterAbrasion, Failed], [Passed, Passed, NotTested]]);
     let failed = rows(&sheet, "Grids on which");
-    assert_eq!(failed[0], ["r1c2", "first", "5.3 s", "203 mm²", "1", "0.0 mm²", "failed, abraded, then passed"]);
+    assert_eq!(failed[0], ["r1c2", "first", "5.3 s", "203 mm²", "1", "0.0 mm²", "failed, sanded, then passed"]);
     assert_eq!(failed[1][5..], ["32 mm²", "failed"]);
     let films = rows(&sheet, "All observed films");
     assert_eq!(films.len(), 3, "the invalid one too");
