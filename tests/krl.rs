@@ -29,7 +29,7 @@ fn krl_files(folder: &Path) -> Vec<PathBuf> {
 }
 
 /// Analyses these files as one program.
-fn analyse(files: &[PathBuf]) -> Analysis {
+fn analyse_files(files: &[PathBuf]) -> Analysis {
     let read = |file: &PathBuf| {
         let name = file.to_string_lossy();
         let bytes = std::fs::read(file).expect("a file");
@@ -52,7 +52,7 @@ fn each_fixture_is_judged_as_its_first_lines_state() {
     }
     assert!(programs.len() > 25, "{}", programs.len());
     for files in programs.values() {
-        let analysis = analyse(files);
+        let analysis = analyse_files(files);
         for ((file, problems), warnings) in files.iter().zip(&analysis.problems).zip(&analysis.warnings) {
             let text = std::fs::read_to_string(file).expect("UTF-8");
             let expected: Vec<String> = text
@@ -133,7 +133,7 @@ fn krl_corpus() {
     let (mut wrong, mut warned, mut unexecuted, mut slowest) = (0, 0, 0, Duration::ZERO);
     for file in &files {
         let began = Instant::now();
-        let analysis = analyse(std::slice::from_ref(file));
+        let analysis = analyse_files(std::slice::from_ref(file));
         slowest = slowest.max(began.elapsed());
         let below = file.strip_prefix(&root).expect("in it");
         let project = PathBuf::from(below.iter().next().expect("a name"));

@@ -201,7 +201,7 @@ fn one_and_two_threads_give_bit_identical_results() {
 
 /// Returns the number of reasons with a picture that differs from the plain picture of the scan.
 fn reason_picture_count(trial: &TrialScene, judgement: &Judgement, fit: Option<&Fit>) -> usize {
-    let (taught, recipe) = taught(trial);
+    let (taught, recipe) = teach_panel(trial);
     let (scan, camera, base_from_camera) = (trial.scan(), trial.camera(), trial.base_from_camera());
     let view = ScanView { scan: &scan, camera, base_from_camera, range: range() };
     let model = TaughtModel::from_panel(&taught, view.range).expect("a panel was taught");
@@ -213,7 +213,7 @@ fn reason_picture_count(trial: &TrialScene, judgement: &Judgement, fit: Option<&
 
 /// Teaches a panel of any shape and locates it in a scene that may have a defect.
 fn teach_and_locate(trial: &TrialScene) -> (Judgement, Option<Fit>) {
-    let (taught, recipe) = taught(trial);
+    let (taught, recipe) = teach_panel(trial);
     let (camera, base_from_camera) = (trial.camera(), trial.base_from_camera());
     match locate::locate(
         &taught,
@@ -225,12 +225,12 @@ fn teach_and_locate(trial: &TrialScene) -> (Judgement, Option<Fit>) {
     }
 }
 
-fn taught(trial: &TrialScene) -> (TaughtPanel, Recipe) {
-    taught_with(trial, "")
+fn teach_panel(trial: &TrialScene) -> (TaughtPanel, Recipe) {
+    teach_panel_with(trial, "")
 }
 
 /// Teaches the trial's panel with additional keys in the recipe.
-fn taught_with(trial: &TrialScene, keys: &str) -> (TaughtPanel, Recipe) {
+fn teach_panel_with(trial: &TrialScene, keys: &str) -> (TaughtPanel, Recipe) {
     let corners = trial.region_px().map(|pixel| [pixel.u, pixel.v]);
     let [low, high] = TRIAL_BOX_MM;
     let text = format!(
@@ -260,9 +260,9 @@ fn panels_of_many_shapes_are_found_at_any_place_where_they_are() {
 }
 
 /// Teaches the trial's panel with an outline that was drawn by hand.
-fn taught_with_drawn_outline(trial: &TrialScene) -> (TaughtPanel, Recipe) {
+fn teach_panel_with_drawn_outline(trial: &TrialScene) -> (TaughtPanel, Recipe) {
     let corners: Vec<[f64; 2]> = trial.outline_px().iter().map(|pixel| [pixel.u, pixel.v]).collect();
-    taught_with(trial, &format!(", outline_px = {corners:?}"))
+    teach_panel_with(trial, &format!(", outline_px = {corners:?}"))
 }
 
 /// The sideways position of a flat plate is determined only by its outline. A holder in the plate's own plane, which
@@ -277,7 +277,7 @@ fn a_named_holder_in_the_panels_plane_is_excluded() {
         let (scan, camera, base_from_camera) = (held.scan(), held.camera(), held.base_from_camera());
         let view = ScanView { scan: &scan, camera, base_from_camera, range: range() };
         let located = |keys: &str| {
-            let (taught, recipe) = taught_with(&alone, keys);
+            let (taught, recipe) = teach_panel_with(&alone, keys);
             let fit = locate::locate(&taught, &view, recipe.locate()).expect("found");
             (gate::judge(&fit, &recipe), fit)
         };
@@ -295,8 +295,8 @@ fn a_named_holder_in_the_panels_plane_is_excluded() {
 #[test]
 fn a_drawn_outline_replaces_missing_points() {
     let trial = TrialScene::flat_scene(3, 2).with_missing_patches(0.4);
-    let (drawn, recipe) = taught_with_drawn_outline(&trial);
-    let (whole, _) = taught(&TrialScene::flat_scene(3, 2));
+    let (drawn, recipe) = teach_panel_with_drawn_outline(&trial);
+    let (whole, _) = teach_panel(&TrialScene::flat_scene(3, 2));
     let (area, of) = (drawn.mask.count() as f64, whole.mask.count() as f64);
     assert!((0.5..0.7).contains(&(area / of)), "{area} of {of} points");
     let (scan, base_from_camera) = (TrialScene::flat_scene(3, 2).taught_scan(), trial.base_from_camera());
@@ -312,8 +312,9 @@ fn a_drawn_outline_replaces_missing_points() {
 #[test]
 fn a_hole_at_a_grids_edge_is_bridged() {
     for seed in [3, 9] {
-        let (whole, _) = taught_with_drawn_outline(&TrialScene::good_scene(seed, 1));
-        let (patchy, _) = taught_with_drawn_outline(&TrialScene::good_scene(seed, 1).with_missing_patches(0.5));
+        let (whole, _) = teach_panel_with_drawn_outline(&TrialScene::good_scene(seed, 1));
+        let (patchy, _) =
+            teach_panel_with_drawn_outline(&TrialScene::good_scene(seed, 1).with_missing_patches(0.5));
         let pairs = whole.grids.iter().zip(&patchy.grids).flat_map(|(a, b)| a.edge.iter().zip(&b.edge));
         let off_mm = pairs.map(|(a, b)| (*a).distance_mm(*b)).fold(0.0, f64::max);
         assert!(off_mm < 1.0, "seed {seed}: {off_mm} mm");
@@ -358,7 +359,7 @@ fn marks_locate_a_flat_panel_and_distinguish_it_from_its_mirror_image() {
 fn the_stated_error_includes_the_scale_error_of_the_camera() {
     let trial = TrialScene::good_scene(3, 4).with_scale_error([0.0, 0.0005]);
     let (scan, camera, base_from_camera) = (trial.scan(), trial.camera(), trial.base_from_camera());
-    let (taught, recipe) = taught(&trial);
+    let (taught, recipe) = teach_panel(&trial);
     let located = |range| {
         let view = ScanView { scan: &scan, camera, base_from_camera, range };
         let fit = locate::locate(&taught, &view, recipe.locate()).expect("found");

@@ -1,6 +1,6 @@
 //! Tests about a dozen poor pictures of boards, at half the size of those in `make bench-calib`.
 
-use crate::board_pictures::{Hard, Judged, Rendered, camera, judge, mixture, no_board, render};
+use crate::board_pictures::{Hard, Judged, Rendered, camera, judge, no_board, random_difficulties, render};
 use panelprep::calib::{Board, detect};
 
 fn found(text: &str, square_mm: Option<f64>, hard: Hard, seed: u64) -> Judged {
@@ -73,7 +73,7 @@ fn the_rim_of_a_glare_moves_no_corner() {
     for (text, square_mm, seeds) in [("9x6", Some(25.0), [20, 44]), ("acircles:4x11:20", None, [2, 39])] {
         let (board, camera) = (Board::parse(text, square_mm).expect("a board"), camera(1944));
         for seed in seeds {
-            let rendered = render(&board, &camera, &mixture(&board, &camera, seed), 1000 + seed);
+            let rendered = render(&board, &camera, &random_difficulties(&board, &camera, seed), 1000 + seed);
             let judged = compare_with_truth(&board, &rendered);
             assert!(matches!(judged, Judged::Found(_) | Judged::Nearly(..)), "{text}, {seed}: {judged:?}");
         }

@@ -9,7 +9,7 @@ mod board_pictures;
 #[path = "goal.rs"]
 mod goal;
 
-use board_pictures::{Hard, Judged, Rendered, camera, judge, mixture, no_board, render};
+use board_pictures::{Hard, Judged, Rendered, camera, judge, no_board, random_difficulties, render};
 use goal::Figure;
 use opencv::core::{Mat, Point2f, Ptr, Size, TermCriteria, TermCriteria_COUNT, TermCriteria_EPS, Vector};
 use opencv::prelude::*;
@@ -173,7 +173,7 @@ fn sweep((kind, figure): (&str, Figure), board: &Board, peers: &[Peer], chosen: 
         .map(|(name, hard)| (name.to_owned(), (1..=SEEDS).map(|seed| (hard, chosen.after + seed)).collect()))
         .collect();
     let seeds = chosen.after + 1..=chosen.after + chosen.mixtures;
-    let mixed = seeds.map(|seed| (mixture(board, &camera, seed), 1000 + seed));
+    let mixed = seeds.map(|seed| (random_difficulties(board, &camera, seed), 1000 + seed));
     groups.push(("mixtures".to_owned(), mixed.collect()));
     for (name, cases) in groups.into_iter().filter(|(name, _)| name.contains(chosen.part)) {
         let mut here: Vec<Tally> = peers.iter().map(|_| Tally::default()).collect();

@@ -113,7 +113,7 @@ fn walks_of_the_programs(walks: u64) -> bool {
     for first in (0..walks).step_by(PROGRESS_WALKS) {
         let seeds = first..walks.min(first + PROGRESS_WALKS as u64);
         let last = seeds.end;
-        let (more, executed) = programs::many(seeds, u64::MAX, &loaded);
+        let (more, executed) = programs::run_walks(seeds, u64::MAX, &loaded);
         more.iter().for_each(|(seed, violation)| println!("    {seed}: {violation}"));
         found.extend(more);
         covered = covered.with(&executed);

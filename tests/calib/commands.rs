@@ -1,6 +1,6 @@
 //! Tests the calibration commands from files to files: lens, mounts, tool, verification.
 
-use super::files::{BOARD, panelprep, pose_text, poses_of, save, small_cell, write};
+use super::files::{BOARD, panelprep, pose_text, save, save_shots, small_cell, write};
 use crate::boards::{self, GOOD_ROBOT};
 use panelprep::cell::Intrinsics;
 use panelprep::files::write_pcd;
@@ -154,7 +154,7 @@ fn the_3d_camera_s_own_points_give_a_second_mount() {
     let cell = small_cell();
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
-    let poses = poses_of(&cell, 8, |name, shot| {
+    let poses = save_shots(&cell, 8, |name, shot| {
         let name = format!("{name}.pcd");
         write(folder, &name, write_pcd(&cell.scan(shot, 0.03)));
         name

@@ -1,7 +1,7 @@
 //! Tests files from which no calibration can be computed: a message states within a short time what is needed, and no
 //! file is written.
 
-use super::files::{panelprep, pose_text, poses_of, save, small_cell, write};
+use super::files::{panelprep, pose_text, save, save_shots, small_cell, write};
 use crate::boards::GOOD_ROBOT;
 use panelprep::cell::{Intrinsics, MountedPose, ScannerMount, SupportedArea};
 use panelprep::geometry::{GrayPicture, KukaPose, Pixel};
@@ -15,7 +15,7 @@ fn bad_input_is_reported_and_writes_nothing() {
     let cell = small_cell();
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
-    let poses = poses_of(&cell, 6, |name, shot| {
+    let poses = save_shots(&cell, 6, |name, shot| {
         let name = format!("{name}.png");
         save(folder, &name, &cell.picture(&cell.scanner(), shot));
         name

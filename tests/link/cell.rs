@@ -17,7 +17,7 @@ use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use std::collections::VecDeque;
 use std::sync::LazyLock;
-use transport::{CHANNELS, Piece, Way};
+use transport::{CHANNELS, Direction, Piece};
 
 /// Start position of the axes, with the wrist bent down: the flange is at (390, 0, 670), with its Z axis straight down.
 pub const START: Joints =
@@ -145,8 +145,8 @@ pub struct Cell {
     /// A function that changes messages in transit.
     pub tamper: Option<Tamper>,
     draw: Pcg64,
-    to_robot: [Way; 2],
-    to_client: [Way; 2],
+    to_robot: [Direction; 2],
+    to_client: [Direction; 2],
     /// Whether the client has both connections; `robot_open` contains the controller's end of each connection.
     up: bool,
     robot_open: [bool; 2],
@@ -243,10 +243,10 @@ impl Cell {
 
     fn next_event_ms(&self, end_ms: u64) -> u64 {
         let deadline = self.session.deadline().map(|at| at.since_start().as_micros().div_ceil(1_000) as u64);
-        let client = deadline.into_iter().chain(self.to_client.iter().filter_map(Way::due_ms));
+        let client = deadline.into_iter().chain(self.to_client.iter().filter_map(Direction::due_ms));
         let retry = (!self.up).then_some(self.retry_at_ms);
         let client = client.chain(retry).map(|at| at.max(self.client_stalls_until_ms));
-        let robot = self.to_robot.iter().filter_map(Way::due_ms).map(|at| at.max(self.deaf_until_ms));
+        let robot = self.to_robot.iter().filter_map(Direction::due_ms).map(|at| at.max(self.deaf_until_ms));
         let tick_ms = (self.now_ms / TICK_MS + 1) * TICK_MS;
         let next = client.chain(robot).chain([tick_ms]).min().unwrap_or(end_ms);
         next.clamp(self.now_ms + 1, end_ms.max(self.now_ms + 1))

@@ -18,7 +18,7 @@ impl<'a> Field<'a> {
     fn read(words: &[&'a str]) -> Self {
         let [tag, kind, low, high] = *words else { panic!("{words:?}") };
         let number = |text: &str| text.parse().expect("a number");
-        Field { tag, is_int: kind == "int", low: formatted_number(low), high: formatted_number(high) }
+        Field { tag, is_int: kind == "int", low: number(low), high: number(high) }
     }
 
     /// Returns the path of the field's element, and the name of the field.

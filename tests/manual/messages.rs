@@ -88,7 +88,7 @@ fn codes(path: &Path, text: &str) -> BTreeSet<String> {
             _ => 6,
         };
         let rests: Vec<String> = on_one_line.split(call).skip(1).map(str::to_owned).collect();
-        rests.into_iter().filter_map(move |rest| rest.split(", ").take(most).find_map(word))
+        rests.into_iter().filter_map(move |rest| rest.split(", ").take(most).find_map(leading_code))
     });
     let given =
         TABLES.iter().filter(|(file, _)| of(file)).flat_map(|(_, table)| match_results(function_text(text, table)));

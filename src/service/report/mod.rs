@@ -15,7 +15,7 @@ mod unrolled_maps;
 
 pub use calibration::{RemainingError, depth_error_map, draw_corners_to_touch, error_map, residual_field, trend};
 pub use charts::{BarClass, ChartTexts, draw_bars, heat_chart, trend_chart};
-pub use closeup::{CornerView, FailedGrid, StripPicture, bounds, cut_out, film_strip, strip_times_s};
+pub use closeup::{CornerView, FailedGrid, StripPicture, bounds, crop_with_mask, film_strip, strip_times_s};
 pub use cycle::cycle_page;
 pub use inspection::inspection_page;
 pub use overlay::PanelOverlay;

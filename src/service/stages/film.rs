@@ -5,7 +5,7 @@
 //! after the film has broken.
 
 use super::{ResultDrawing, names};
-use crate::report::{FailedGrid, PanelOverlay, StripPicture, bounds, cut_out, film_strip, strip_times_s};
+use crate::report::{FailedGrid, PanelOverlay, StripPicture, bounds, crop_with_mask, film_strip, strip_times_s};
 use panelprep_base::geometry::{Camera, ColorPicture, Mask, Panel, PinholeCamera, Rigid};
 use panelprep_base::number_text::fixed_decimals;
 use panelprep_base::phase::Phase;
@@ -255,7 +255,7 @@ impl KeyframeStrip {
             .any(|time_s| last_s < time_s - TIME_TOLERANCE_S && time_s - TIME_TOLERANCE_S <= since_wet_s)
         {
             let nothing = Mask::all_outside(picture.width, picture.height);
-            self.cuts.push((since_wet_s, cut_out(picture, &nothing, self.bounds).0));
+            self.cuts.push((since_wet_s, crop_with_mask(picture, &nothing, self.bounds).0));
         }
     }
 
@@ -269,7 +269,7 @@ impl KeyframeStrip {
                 let kept = self.cuts.iter().find(|(kept_s, _)| *kept_s >= time_s - TIME_TOLERANCE_S);
                 // After the last kept picture, the strip shows the film's last picture.
                 let shown_s = kept.map_or(end_s, |(kept_s, _)| *kept_s);
-                let (last, broken) = cut_out(last, &inspection.mask_at(shown_s), self.bounds);
+                let (last, broken) = crop_with_mask(last, &inspection.mask_at(shown_s), self.bounds);
                 let picture = kept.map_or(last, |(_, picture)| picture.clone());
                 StripPicture { picture, broken, label: format!("{shown_s:.1} s") }
             })

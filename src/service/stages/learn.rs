@@ -4,7 +4,7 @@
 use panelprep_base::geometry::{Base, ColorPicture, Flange, FlangeCamera, PinholeCamera, Point, Rigid};
 use panelprep_cell::panel::{CornerTeaching, LearnError, TaughtCorner, TaughtPanel};
 use panelprep_cell::recipe;
-use panelprep_vision::locate::teach_corner::{self, CornerError};
+use panelprep_vision::locate::corner::{self, CornerError};
 
 /// The reason why a corner could not be taught.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]

@@ -73,7 +73,7 @@ fn can_reconnect(programs: Programs) -> bool {
 fn a_client_that_disconnects_within_a_cycle_closes_no_channel_permanently() {
     for immediate_reopen_fails in [false, true] {
         let meaning = UndocumentedBehaviour { immediate_reopen_fails, ..UndocumentedBehaviour::default() };
-        assert_eq!(both(meaning).map(comes_back), [false, true], "{immediate_reopen_fails}");
+        assert_eq!(both(meaning).map(can_reconnect), [false, true], "{immediate_reopen_fails}");
     }
 }
 

@@ -6,7 +6,7 @@ mod meant;
 mod script;
 
 use super::super::cell::{self, Blind, Cell, height_mm, setup};
-use super::{load, meaning, texts};
+use super::{behaviour_variant, load, texts};
 use meant::{Both, INTENDED_DIFFERENCES, Kind};
 use panelprep::devices::mock::{Clock, ExecutedMotion, Programs, Setup, World};
 use panelprep::eki::{Command, LinkLimits, LinkLoss, MoveLin, Refusal, Report, StopCause};
@@ -195,7 +195,7 @@ type Found = (u64, usize, Kind, String, Option<usize>);
 fn run_both(seed: u64, ships: &Programs) -> Vec<Found> {
     let adverse = seed % 2 == 1;
     let mut programs = ships.clone();
-    (programs.meaning, programs.seed, programs.is_adverse_scheduling) = (meaning(seed), seed, adverse);
+    (programs.meaning, programs.seed, programs.is_adverse_scheduling) = (behaviour_variant(seed), seed, adverse);
     let (mut model, mut programs) = (Run::new(None, seed), Run::new(Some(programs), seed));
     let mut found = Vec::new();
     for (index, part) in script(seed).iter().enumerate() {

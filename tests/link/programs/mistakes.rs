@@ -1,7 +1,7 @@
 //! Errors that are injected by hand into the programs, one at a time: a walk or a scene must detect each of them.
 
 use super::scenes::first_wrong;
-use super::{load, meaning, texts, walk};
+use super::{behaviour_variant, load, texts, walk};
 use panelprep::devices::mock::Programs;
 use rayon::prelude::*;
 
@@ -297,9 +297,9 @@ fn planted(mistake: &Mistake) -> Programs {
 
 /// Returns the first of these walks that detects the error, and the violated requirement.
 fn first_detecting_walk(programs: &Programs, seeds: std::ops::Range<u64>) -> Option<(u64, String)> {
-    seeds
-        .into_par_iter()
-        .find_map_first(|seed| walk(seed, programs, meaning(seed)).1.err().map(|violation| (seed, violation)))
+    seeds.into_par_iter().find_map_first(|seed| {
+        walk(seed, programs, behaviour_variant(seed)).1.err().map(|violation| (seed, violation))
+    })
 }
 
 /// Each error is detected by a scene, or by a walk in which the shipped programs violate no requirement. `KRL_FIND=400`
@@ -319,7 +319,7 @@ fn planted_mistakes_in_the_programs_are_found() {
         };
         let walked = first_detecting_walk(&programs, seeds);
         if let Some((seed, _)) = walked {
-            assert_eq!(walk(seed, &ships, meaning(seed)).1, Ok(()), "{}", mistake.name);
+            assert_eq!(walk(seed, &ships, behaviour_variant(seed)).1, Ok(()), "{}", mistake.name);
         }
         let shown = if walked.is_none() { first_wrong(&programs) } else { None };
         println!("{}: {walked:?} {shown:?}", mistake.name);

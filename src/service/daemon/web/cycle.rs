@@ -309,7 +309,7 @@ fn record_file_stem(row: &SignatureRow) -> String {
 
 /// Shows the links to the signed files of a cycle.
 fn show_links(words: Language<'_>, id: CycleId, rows: &[SignatureRow]) -> Markup {
-    let signed = rows.iter().map(stem).flat_map(|stem| [format!("{stem}.json"), format!("{stem}.sig")]);
+    let signed = rows.iter().map(record_file_stem).flat_map(|stem| [format!("{stem}.json"), format!("{stem}.sig")]);
     let names: Vec<String> = signed.chain([PUBLIC_KEY_FILE_NAME.to_owned()]).collect();
     html! {
         @if !rows.is_empty() {
