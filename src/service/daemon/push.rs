@@ -411,7 +411,7 @@ impl Sender {
         let record = store.blob(&row.record_hash).map_err(|error| error.to_string())?;
         if let StatementContent::Cycle(cycle) = Statement::read(&record).map_err(|error| error.to_string())?.says {
             for (what, hash) in signing::exported_files(&cycle) {
-                let name = format!("{FILES}{hash}");
+                let name = format!("{FILES_PREFIX}{hash}");
                 if self.stored_names.contains(&name) {
                     continue;
                 }
