@@ -38,7 +38,7 @@ fn panelprep(folder: &Path, arguments: &str) -> (i32, Value, String) {
 }
 
 /// Returns an arm with errors up to the usual size, and its error parameters.
-fn wrong_arm(seed: u64) -> (Arm, [f64; ARM_NUMBERS]) {
+fn wrong_arm(seed: u64) -> (Arm, [f64; ARM_PARAMETER_COUNT]) {
     let arm = Cell::check("cell.toml", "").unwrap_or_else(|problems| panic!("{problems}")).arm().clone();
     let mut random = Pcg64::seed_from_u64(seed);
     let errors = std::array::from_fn(|index| match index {
@@ -97,7 +97,7 @@ fn save_pictures<A: Side>(
 
 /// Returns measurements in which the real arm touches corners of the fixed board, each with another orientation of the
 /// tool.
-fn touch_measurements(cell: &BoardCell, (arm, errors): (&Arm, &[f64; ARM_NUMBERS])) -> String {
+fn touch_measurements(cell: &BoardCell, (arm, errors): (&Arm, &[f64; ARM_PARAMETER_COUNT])) -> String {
     let board = Board::parse("9x6", 25.0).expect("a board");
     let tip = Point::<Flange>::at(TIP_MM[0], TIP_MM[1], TIP_MM[2]);
     let mut text = String::new();

@@ -1,5 +1,5 @@
-//! Tests that the drawing of the crates in `src/README.md` shows the dependencies in their `Cargo.toml` files. Run this
-//! test with `DRAW=1` to draw it again.
+//! The two pictures in `src/README.md`: the crates, as their `Cargo.toml` files state them, and the data of a cycle, as the
+//! page's table states them. Run these tests with `DRAW=1` to draw them again.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
@@ -10,7 +10,7 @@ const WIDTH: usize = 900;
 const BOX: [usize; 2] = [150, 40];
 const ROW: usize = 78;
 
-/// The crates on which each crate depends, without dependencies of its tests.
+/// The crates on which each crate depends, without those that only its tests use; or the data that each datum is made from.
 type Dependencies = BTreeMap<String, BTreeSet<String>>;
 
 fn dependencies(root: &Path) -> Dependencies {
@@ -28,13 +28,13 @@ fn dependencies(root: &Path) -> Dependencies {
     members.chain([String::new()]).map(|folder| (name(&folder), of(&folder))).collect()
 }
 
-/// Returns all crates on which a crate depends, directly or through others.
+/// Returns all crates that a crate needs, directly or through others.
 fn transitive_dependencies(all: &Dependencies, from: &str) -> BTreeSet<String> {
     let direct = all[from].iter();
     direct.flat_map(|name| transitive_dependencies(all, name).into_iter().chain([name.clone()])).collect()
 }
 
-/// Returns the direct dependencies that are not also transitive.
+/// Returns the dependencies that no other dependency implies.
 fn non_transitive_edges(all: &Dependencies) -> Vec<(&str, &str)> {
     let is_implied = |from: &str, to: &str| {
         all[from].iter().any(|other| other != to && transitive_dependencies(all, other).contains(to))
@@ -43,39 +43,38 @@ fn non_transitive_edges(all: &Dependencies) -> Vec<(&str, &str)> {
     pairs.filter(|(from, to)| !is_implied(from, to)).collect()
 }
 
-/// Returns the length of the longest dependency chain that begins at a crate.
+/// Returns the number of crates on the longest way down from a crate.
 fn chain_length(all: &Dependencies, name: &str) -> usize {
     all[name].iter().map(|below| chain_length(all, below) + 1).max().unwrap_or(0)
 }
 
 /// Returns the row of each crate, from the top: what depends on others is above them.
 fn crate_rows(all: &Dependencies) -> BTreeMap<&str, usize> {
-    let top = all.keys().map(|name| height(all, name)).max().unwrap_or(0);
-    all.keys().map(|name| (name.as_str(), top - height(all, name))).collect()
+    let top = all.keys().map(|name| chain_length(all, name)).max().unwrap_or(0);
+    all.keys().map(|name| (name.as_str(), top - chain_length(all, name))).collect()
 }
 
 /// Returns the row of each datum, from the top: what is made from others is below them, and what is made from nothing is just
 /// above the first datum that is made from it.
 fn data_rows(all: &Dependencies) -> BTreeMap<&str, usize> {
     let first_use = |name: &str| {
-        let users = all.iter().filter(|(_, parts)| parts.contains(name)).map(|(user, _)| height(all, user));
+        let users = all.iter().filter(|(_, parts)| parts.contains(name)).map(|(user, _)| chain_length(all, user));
         users.min().map_or(0, |row| row - 1)
     };
-    let row = |name: &str| if all[name].is_empty() { first_use(name) } else { height(all, name) };
+    let row = |name: &str| if all[name].is_empty() { first_use(name) } else { chain_length(all, name) };
     all.keys().map(|name| (name.as_str(), row(name))).collect()
 }
 
 fn drawing(all: &Dependencies, row_of: &BTreeMap<&str, usize>) -> String {
     let mut rows: BTreeMap<usize, Vec<&str>> = BTreeMap::new();
-    for name in all.keys() {
-        rows.entry(chain_length(all, name)).or_default().push(name);
+    for (name, row) in row_of {
+        rows.entry(*row).or_default().push(name);
     }
-    // Crates that depend on the simulator are on the right, where the edges that pass other rows are drawn.
+    // Crates that depend on the simulator are on the right, where the lines that pass other rows go down.
     rows.values_mut().for_each(|row| row.sort_by_key(|name| transitive_dependencies(all, name).contains("sim")));
-    let top = rows.keys().copied().max().unwrap_or(0);
+    let bottom = rows.keys().copied().max().unwrap_or(0);
     let place = |name: &str| {
-        let height = chain_length(all, name);
-        let row = &rows[&height];
+        let row = &rows[&row_of[name]];
         let index = row.iter().position(|other| *other == name).expect("in its row");
         [WIDTH * (2 * index + 1) / (2 * row.len()), 30 + ROW * row_of[name]]
     };
@@ -85,9 +84,11 @@ fn drawing(all: &Dependencies, row_of: &BTreeMap<&str, usize>) -> String {
         60 + ROW * bottom
     );
     for (from, to) in non_transitive_edges(all) {
+        // From the upper end down.
+        let (from, to) = if row_of[from] < row_of[to] { (from, to) } else { (to, from) };
         let ([x1, y1], [x2, y2]) = (place(from), place(to));
         let half = BOX.map(|side| side / 2);
-        let line = if chain_length(all, from) - chain_length(all, to) > 1 {
+        let line = if row_of[to] - row_of[from] > 1 {
             let [x1, x2, x] = [x1 + half[0], x2 + half[0], WIDTH - 10];
             format!("M{x1} {y1}C{x} {y1} {x} {y2} {x2} {y2}")
         } else {
@@ -140,7 +141,7 @@ fn the_picture_of_the_data_is_drawn_from_the_table() {
     let parts: BTreeSet<&String> = all.values().flatten().collect();
     assert!(parts.iter().all(|part| all.contains_key(*part)), "each datum has its own row: {parts:?}");
     // A signed record goes back to the scan, to the film and to the poses that the robot reported.
-    let signed = reached(&all, "signed record");
+    let signed = transitive_dependencies(&all, "signed record");
     assert!(
         ["scan", "film pictures", "reported poses"].iter().all(|source| signed.contains(*source)),
         "{signed:?}"
@@ -156,10 +157,9 @@ fn the_picture_of_the_crates_is_drawn_from_their_manifests() {
     assert_drawn("src/crates.svg", &drawing(&all, &crate_rows(&all)));
 }
 
-/// In a chain of three crates, the edge from the first to the last is not drawn, because this dependency is also
-/// transitive.
+/// Of three crates in a line, the arrow from the first to the last is implied.
 #[test]
-fn a_transitive_edge_is_not_drawn() {
+fn an_implied_arrow_is_not_drawn() {
     let names = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect();
     let all = [("a", names(&["b", "c"])), ("b", names(&["c"])), ("c", names(&[]))];
     let all: Dependencies = all.into_iter().map(|(name, direct)| (name.to_owned(), direct)).collect();

@@ -255,7 +255,7 @@ impl Running {
     fn whole(&mut self) {
         // Removes the folder that an earlier world of this thread left.
         let _ = std::fs::remove_dir_all(&self.folder);
-        Fixture::get().put_store(&self.store());
+        Fixture::shared_fixture().put_store(&self.store());
         self.watch();
         loop {
             let lives = {
@@ -388,8 +388,12 @@ impl Running {
             computing: Computing::inline(cameras, false).with_memory(MEMORY.clone(), sees),
             lock_step: false,
         };
-        let start =
-            LoopStart { cell: Fixture::get().setup.clone(), cycle: None, state, before: LoopMemoryStart::Boot };
+        let start = LoopStart {
+            cell: Fixture::shared_fixture().setup.clone(),
+            cycle: None,
+            state,
+            before: LoopMemoryStart::Boot,
+        };
         let left = daemon::run(start, ports).map_err(|error| ("the loop continues", error.to_string()))?.state;
         if left.at.is_at_rest() {
             Ok(())

@@ -375,7 +375,7 @@ mod tests {
         );
         let full = judge_disk("store", MIN_FREE_SPACE_MB - 1);
         assert!(!full.is_passed() && full.advice.contains("1000 MB"));
-        let alarm = |free_mb| low_disk_space("store", free_mb).map(|reason| reason.code.into_owned());
+        let alarm = |free_mb| check_low_disk_space("store", free_mb).map(|reason| reason.code.into_owned());
         let codes = [MIN_FREE_SPACE_MB - 1, MIN_FREE_SPACE_MB, MIN_FREE_MB].map(alarm);
         assert_eq!(codes, [Some("disk_full".to_owned()), Some("disk_scarce".to_owned()), None]);
         let buffer = |largest| judge_receive_buffer(largest, 20_874_880, Some([5_472, 3_648]));

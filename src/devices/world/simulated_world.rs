@@ -224,7 +224,7 @@ impl SimulatedWorld {
         };
         let from = |time_ms: u64| &trace[trace.partition_point(|sample| sample.time_ms < time_ms)..];
         let touched = TouchedPoints::reached_by_disc(from(since_ms), truth, disc_diameter_mm);
-        let healed = truth.spots.iter().map(|spot| touched.covered_share(spot) >= MIN_REMOVED_SHARE).collect();
+        let healed = truth.spots.iter().map(|spot| touched.covered_share(spot) >= MIN_REMOVED_FRACTION).collect();
         let new = TouchedPoints::reached_by_disc(from(sanded.until_ms.max(since_ms)), truth, disc_diameter_mm);
         sanded.until_ms = trace.last().map_or(sanded.until_ms, |last| last.time_ms + 1);
         if !new.centres().is_empty() && disc_diameter_mm > 0.0 {

@@ -196,7 +196,11 @@ impl PanelOverlay<'_> {
     }
 
     /// Returns the picture with dots at the marked points of the taught surface.
-    fn draw_reason_dots(&self, explained: &Explained, ink: fn(SurfaceMark) -> Option<InkColor>) -> ColorPicture {
+    fn draw_reason_dots(
+        &self,
+        explained: &EvidenceMarks,
+        ink: fn(SurfaceMark) -> Option<InkColor>,
+    ) -> ColorPicture {
         let mut picture = self.picture.clone();
         for (pixel, mark) in &explained.surface {
             if let Some(ink) = ink(*mark) {

@@ -108,7 +108,7 @@ pub fn evaluate_abrasion(
 
 /// Returns the grids that the disc reached.
 fn overlapped_grids(grids: Vec<GridDwell>) -> Vec<GridDwell> {
-    grids.into_iter().filter(|grid| grid.share() > 0.0).collect()
+    grids.into_iter().filter(|grid| grid.covered_fraction() > 0.0).collect()
 }
 
 /// Returns the maximum distance of a measured pose from the planned path, mm. It includes the blending distance,
@@ -296,8 +296,8 @@ fn split_covered(plan: &Plan, dwell: &Dwell, done: u32) -> (Vec<GridId>, Vec<Gri
         let touched = path.waypoints.iter().take(reached).any(|waypoint| waypoint.contact);
         before += path.waypoints.len();
         for id in path.grids.iter().filter(|_| touched) {
-            let planned = plan.grids.iter().find(|grid| grid.id == *id).map_or(1.0, |grid| grid.share());
-            let found = dwell.grid(*id).map_or(0.0, |grid| grid.share());
+            let planned = plan.grids.iter().find(|grid| grid.id == *id).map_or(1.0, |grid| grid.covered_fraction());
+            let found = dwell.grid(*id).map_or(0.0, |grid| grid.covered_fraction());
             // The path of this area was interrupted before the disc reached this grid, or the grid is already in a list
             // because of another area.
             if found <= 0.0 || whole.contains(id) || begun.contains(id) {

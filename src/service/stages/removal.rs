@@ -17,7 +17,7 @@ use panelprep_toolpath::path::{Plan, Waypoint, dwell};
 use panelprep_toolpath::removal::figures::MapFigures;
 use panelprep_toolpath::removal::ground::PanelGround;
 use panelprep_toolpath::removal::map::{RemovalMap, removed};
-use panelprep_toolpath::removal::model::{FORCE_RANGE, Model, UNKNOWN};
+use panelprep_toolpath::removal::model::{FORCE_RANGE, Model, NO_MODEL_MESSAGE};
 use panelprep_toolpath::removal::pad::PadWithDisc;
 use panelprep_toolpath::removal::schedule::{Move, RemovalTarget, schedule};
 use panelprep_toolpath::removal::track::{Disc, IsPanelAt, path_stretches};
@@ -263,7 +263,7 @@ pub fn unknown_removal_check(recipe: &Recipe, tool: ToolState) -> Option<Check> 
     let stated = recipe.removal().filter(|_| tool.removal.is_none())?;
     let check = Check::new(name::REMOVED_BOUND, "µm", None)
         .with_max(stated.max_um(), LimitSource::recipe("removal.max_um"));
-    Some(check.with_consequence_if(true, Severity::Reject, "removal_unknown", || UNKNOWN.to_owned()))
+    Some(check.with_consequence_if(true, Severity::Reject, "removal_unknown", || NO_MODEL_MESSAGE.to_owned()))
 }
 
 /// Returns the checks of the removal by a path.

@@ -123,7 +123,7 @@ impl RecipeOffer {
 
     fn validated(self) -> Result<Self, OfficeError> {
         for (what, text) in [("name", &self.by), ("reason", &self.why)] {
-            panelprep_base::number_text::check_printable(text, MAX_CHARACTERS).map_err(|problem| {
+            panelprep_base::number_text::check_printable(text, MAX_TEXT_CHARACTERS).map_err(|problem| {
                 OfficeError::form_error("offer of a recipe", format!("its {what}: {problem}"))
             })?;
         }

@@ -146,7 +146,7 @@ impl Store {
         for (what, text) in texts.into_iter().chain(signs.values.named()) {
             // The texts are checked because they will be printed.
             let Some(text) = text else { continue };
-            check_printable(text, MAX_CHARACTERS).map_err(|problem| {
+            check_printable(text, MAX_TEXT_CHARACTERS).map_err(|problem| {
                 let found = text.escape_debug().to_string();
                 StoreError::Unsignable { what, found, problem }
             })?;

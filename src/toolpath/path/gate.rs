@@ -198,7 +198,7 @@ fn coverage(plan: &Plan) -> Vec<Check> {
         )
     };
     let worst = plan.grids.iter().min_by(|a, b| a.covered_fraction().total_cmp(&b.covered_fraction()));
-    let least = worst.map_or(1.0, GridCoverage::share);
+    let least = worst.map_or(1.0, GridCoverage::covered_fraction);
     // The value is that of the worst grid, because in a large region the mean would hide a grid of which a tenth is not
     // covered.
     let of_worst = check(name::COVERAGE.to_owned(), least, &|| worst.map_or(String::new(), words));

@@ -18,7 +18,7 @@ const MIN_BLEND_MM: f64 = 0.1;
 const MAX_PROGRAM_NAME_LENGTH: usize = 24;
 /// Speed and acceleration of the axes on the motion to the first point, percent.
 const PTP_SPEED_PERCENT: u8 = 20;
-/// Keywords of KRL, in addition to [`RESERVED`], that cannot be the name of a program.
+/// Keywords of KRL, in addition to [`RESERVED_WORDS`], that cannot be the name of a program.
 const ADDITIONAL_KEYWORDS: [&str; 38] = [
     "ANIN", "ANOUT", "AXIS", "BAS", "BOOL", "CCLOSE", "CHANNEL", "CIRC_REL", "CONFIRM", "COPEN", "CREAD", "CWRITE",
     "C_DIS", "C_ORI", "C_PTP", "C_VEL", "DIGIN", "E6AXIS", "E6POS", "FRAME", "IMPORT", "INT", "IS", "LIN_REL",
@@ -48,7 +48,7 @@ impl std::str::FromStr for ProgramName {
     fn from_str(text: &str) -> Result<Self, ProgramNameError> {
         let letters = text.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
         let is_keyword =
-            RESERVED.iter().chain(&ADDITIONAL_KEYWORDS).any(|keyword| keyword.eq_ignore_ascii_case(text));
+            RESERVED_WORDS.iter().chain(&ADDITIONAL_KEYWORDS).any(|keyword| keyword.eq_ignore_ascii_case(text));
         let good = letters
             && !is_keyword
             && text.len() <= MAX_PROGRAM_NAME_LENGTH

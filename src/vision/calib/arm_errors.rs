@@ -19,7 +19,7 @@ pub use panelprep_cell::cell::SMOOTH_PARAMETER_COUNT;
 use panelprep_cell::cell::{ArmGeometry, CorrectionNumbers};
 
 /// Number of error parameters of an arm: six after each of the first five axes, and the sag of axes 2 and 3.
-pub const ARM_PARAMETER_COUNT: usize = panelprep_cell::cell::GEOMETRY_NUMBERS;
+pub const ARM_PARAMETER_COUNT: usize = panelprep_cell::cell::GEOMETRY_PARAMETER_COUNT;
 
 /// Returns the usual standard deviation of each error parameter: rotations in rad, lengths in mm, sag in rad per mm of
 /// lever.

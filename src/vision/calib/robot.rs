@@ -17,7 +17,7 @@
 use super::adjust::scaled_inverse;
 use super::arm_errors;
 use super::arm_errors::{ARM_PARAMETER_COUNT, AxisFault};
-pub use super::arm_errors::{ArmPose, Correction, SMOOTH_NUMBERS};
+pub use super::arm_errors::{ArmPose, Correction, SMOOTH_PARAMETER_COUNT};
 use super::error::CalibError;
 use super::quantile::radius_95;
 pub use super::robot_settle::{ArmTouch, ArmView, Rig, RigKind, RobotData, TouchTarget};

@@ -216,7 +216,7 @@ pub(super) fn compute_evidence(
     let surface = SurfaceFractions::compute(&motion, inputs);
     let outline = OutlineFractions::compute(&residuals, model);
     // The points that were missing at teaching and the points that are missing now are independent of each other.
-    let of_expected = |share: f64| (share / model.measured_share).min(1.0);
+    let of_expected = |share: f64| (share / model.measured_fraction).min(1.0);
     // The camera mount is used only here: everything before is in the camera frame and does not depend on the
     // calibration of the mount.
     let base_from_panel = base_from_camera * placed;

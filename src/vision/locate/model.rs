@@ -46,7 +46,7 @@ pub(super) struct Model {
     /// Median width of the steps of brightness at the outline, px.
     pub edge_width_px: f64,
     /// Fraction of the panel with measured points at teaching, 0…1, if a person drew its outline; otherwise 1.
-    pub measured_share: f64,
+    pub measured_fraction: f64,
     /// The fractions of the outline that are visible, held and unseen.
     pub outline_evidence: OutlineEvidence,
     /// The quadrilaterals of the taught picture in which a holder touches the panel.
@@ -113,7 +113,7 @@ impl Model {
     /// Returns whether large parts of the panel had no points at teaching. Now points may be missing as well, possibly
     /// elsewhere.
     pub fn has_missing_parts(&self) -> bool {
-        self.measured_share < MIN_COMPLETE_FRACTION
+        self.measured_fraction < MIN_COMPLETE_FRACTION
     }
 
     /// Returns the centre of the surface in the panel frame.

@@ -5,7 +5,7 @@
 //! a person jogs the arm only a little between two pictures.
 
 use super::boards::{self, CORNER_PX, Lens, Side};
-use super::{row, share};
+use super::{row, value_quantile};
 use panelprep::calib::hand_eye::hand_eye;
 use panelprep::calib::{BoardObservation, HandEye, Station};
 use panelprep::cell::{FlangeCameraMount, ScannerMount};
@@ -100,7 +100,8 @@ fn mounts<A: Side>(error_mm: f64) -> usize {
     for (index, poses) in ["over the whole volume", "in three regions"].into_iter().enumerate() {
         let known: Vec<(f64, f64, f64)> = found.iter().filter_map(|pair| pair[index]).collect();
         let held = known.iter().filter(|(mm, stated_mm, _)| mm <= stated_mm).count() as f64 / known.len() as f64;
-        let median = |of: fn(&(f64, f64, f64)) -> f64| share(&mut known.iter().map(of).collect::<Vec<_>>(), 0.5);
+        let median =
+            |of: fn(&(f64, f64, f64)) -> f64| value_quantile(&mut known.iter().map(of).collect::<Vec<_>>(), 0.5);
         let (mm, stated_mm, each) = (median(|one| one.0), median(|one| one.1), median(|one| one.2));
         let good =
             STATED_FRACTION_RANGE.contains(&held) && stated_mm <= MAX_STATED * mm && known.len() as u64 == SEEDS;

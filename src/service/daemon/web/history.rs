@@ -27,7 +27,7 @@ use std::sync::Arc;
 /// Number of cycles on one page.
 const PAGE_CYCLES: usize = 50;
 /// Maximum number of cycles in one file.
-const MAX_FILE_CYCLES: usize = panelprep_store::history::MAX_HITS;
+const MAX_FILE_CYCLES: usize = panelprep_store::history::MAX_HITS_PER_PAGE;
 const VERDICTS: [Verdict; 7] = [
     Verdict::Pass,
     Verdict::Fail,
