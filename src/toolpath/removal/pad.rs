@@ -9,6 +9,7 @@
 //! - The surface bends away in both directions, and the contact is an ellipse completely inside of the disc: with the
 //!   ellipse's middle x₀ = K⁻¹ t and the compression c₀ = δ + ½ t·x₀ at this point, the paraboloid above the ellipse
 //!   has the volume π c₀² / √det K, so c₀² = F √det K / (π s).
+//!
 //! Otherwise the integral is a sum over points of equal area on rings and spokes, which follow the disc's edge exactly.
 //!
 //! Beyond the panel's edge the disc has no support: the rest of the disc bears the force, and the pressure is never

@@ -20,6 +20,7 @@
 //!   scanned, there are two (g = 2).
 //! - p is the error of the localization along the cell's normal.
 //! - N is the distance from the fitted nominal surface within which 95 % of the nominal points lie.
+//!
 //! σ and p are not independent, because the pose follows from the same scan: the fit removes the part of the scan's
 //! error that is a shift or a tilt, and (2) counts it twice. This makes U larger, by √2 at most. With d_p and U_p of
 //! the cells p, the true value of the profile is at most 2 · max (|d_p| + U_p), so that its uncertainty is 2 · (max
