@@ -575,7 +575,11 @@ mod tests {
         let text = lens(errors(None)).to_toml();
         let wrong = text.replace("smooth_mm = 0.033", "smooth_mm = 0.0").replace("places", "plaecs");
         let problems = Intrinsics::check("f", &(wrong + "field_from = [0, 0]\n")).expect_err("refused").to_string();
-        for words in ["scanner_errors.smooth_mm: found 0.0", "places", "belong together"] {
+        for words in [
+            "scanner_errors.smooth_mm: found 0.0",
+            "places",
+            "state all of field_from, field_to and field_mm, or none",
+        ] {
             assert!(problems.contains(words), "{words}: {problems}");
         }
     }

@@ -172,7 +172,7 @@ mod tests {
         let strict = strict.expect("right");
         assert_eq!(strict.check(Some("SN-0017"), None), Ok(()));
         let refused = |serial, order| strict.check(serial, order).expect_err("refused").to_string();
-        assert!(refused(None, Some("W-1")).contains("names no serial number, and [part] serial"));
+        assert!(refused(None, Some("W-1")).contains("states no serial number, but [part] serial"));
         assert!(refused(Some("W-4"), None).contains("\"W-4\" does not match the pattern \"SN-####\""));
         assert!(
             refused(Some("SN-0017"), Some("SN-0017")).contains("[part] order_pattern"),

@@ -338,7 +338,7 @@ mod tests {
                 "broker = 'nats://office/a'".to_owned(),
                 "office.broker: found \"nats://office/a\", valid: an address",
             ),
-            ("behind_min = 5".to_owned(), "office.broker: is missing: the address of the office's broker"),
+            ("behind_min = 5".to_owned(), "office.broker: is missing: the address of the office server's broker"),
         ] {
             let problem = found(&wrong).expect_err("wrong");
             assert!(problem.contains(words), "{wrong}: {problem}");

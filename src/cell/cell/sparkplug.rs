@@ -194,7 +194,10 @@ mod tests {
             ),
             ("broker = '10.0.0.5:1883'", "the port has its own key"),
             ("broker = 'localhost'\nport = 0", "valid: a whole number from 1 to 65535"),
-            ("broker = 'localhost'\nuser = 'me'", "sparkplug.password_file: is missing; user and password_file"),
+            (
+                "broker = 'localhost'\nuser = 'me'",
+                "sparkplug.password_file: is missing; state both user and password_file, or neither",
+            ),
             ("broker = 'localhost'\ncertificate = 'a'", "sparkplug.certificate_key: is missing"),
             ("broker = 'localhost'\ncertificate = 'a'\ncertificate_key = 'b'", "sparkplug.ca_certificate"),
             ("broker = 'localhost'\nprimary_host_id = 'a/b'", "found \"a/b\""),

@@ -451,7 +451,7 @@ fn each_mistake_is_named() {
             "[io.feedbacks]\nflow = 1025",
             "2: io.feedbacks.flow: found 1025; $IN[1025] is always true and $IN[1026] is always false; state another input",
         ),
-        (&format!("[io.feedbacks]\n{}", inputs.join("\n")), "1: io.feedbacks: found 32 names (limit 31)"),
+        (&format!("[io.feedbacks]\n{}", inputs.join("\n")), "1: io.feedbacks: found 32 names, the maximum is 31"),
         (
             "[io.feedbacks]\nflow = 1026",
             "2: io.feedbacks.flow: found 1026; $IN[1025] is always true and $IN[1026] is always false; state another input",

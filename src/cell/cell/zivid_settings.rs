@@ -317,9 +317,9 @@ mod tests {
         );
         assert!(lit.starts_with(&words), "{lit}");
         let unsaid = problem_text(&FILM_FILE.replace("Brightness: 0", "# Brightness: 0"), ZividUse::Film);
-        assert!(unsaid.contains("Acquisition.Brightness: is missing; it must be 0"), "{unsaid}");
+        assert!(unsaid.contains("Acquisition.Brightness: is missing; state the value 0"), "{unsaid}");
         let word = problem_text(&FILM_FILE.replace("Brightness: 0", "Brightness: off"), ZividUse::Film);
-        assert!(word.contains("Brightness: it must be the number 0"), "{word}");
+        assert!(word.contains("Brightness: the value must be the number 0"), "{word}");
         // The projector may be on in a 3D shot, which needs it.
         assert!(SCAN_FILE.contains("Brightness: 1.8"));
     }
@@ -331,7 +331,11 @@ mod tests {
             (FILM_FILE, ZividUse::Scan, "found Settings2D, expected settings for 3D shots"),
             ("a: [", ZividUse::Film, "this is not valid YAML"),
             ("[scanner]\nkind = 'zivid'", ZividUse::Film, "this is not valid YAML"),
-            ("scanner: zivid", ZividUse::Film, "exactly one of the two is needed"),
+            (
+                "scanner: zivid",
+                ZividUse::Film,
+                "the file must contain exactly one of Settings (3D shots with colour) and Settings2D",
+            ),
             (
                 "Settings2D:\n  Acquisitions: []\n",
                 ZividUse::Film,

@@ -294,7 +294,10 @@ mod tests {
             lost(&session).to_string()
         };
         let says = |bytes: &'static [u8]| move |session: &mut Session| session.received(bytes, Time::from_ms(9));
-        assert_eq!(ends(&|session| drop(session.tick(Time::from_ms(103)))), "the tool has not replied for 100 ms");
+        assert_eq!(
+            ends(&|session| drop(session.tick(Time::from_ms(103)))),
+            "the tool has not replied for 100 ms: check its power and its network cable"
+        );
         assert!(ends(&says(b"1041 1 2 1 0k")).starts_with("tool id 1041 replied, but the request was for id 1040"));
         assert_eq!(
             ends(&says(b"hellok")),
@@ -304,7 +307,7 @@ mod tests {
             ends(&says(b"1040 1 2 1 0k1040 1 2 1 0k")),
             "the tool sent data without a request: check that no other program controls it"
         );
-        assert!(ends(&says(&[b'1'; 200])).contains("bytes without an end"));
+        assert!(ends(&says(&[b'1'; 200])).contains("bytes without a terminator"));
         let mut session = session();
         session.connected(Time::from_ms(0));
         session.received(b"nok", Time::from_ms(1));

@@ -224,7 +224,7 @@ mod tests {
             assert!(says(bytes).starts_with(field), "{}", says(bytes));
         }
         assert_eq!(says(b"7 1 2 1 \xc3\xa4"), "the reply contains bytes that are not text");
-        assert!(says(&[b'1'; 97]).starts_with("the reply has 97 bytes without an end"));
+        assert!(says(&[b'1'; 97]).starts_with("the reply has 97 bytes without a terminator"));
     }
 
     proptest! {

@@ -170,7 +170,7 @@ fn absurd_sizes_are_refused_at_once() {
 fn damaged_compressed_data_are_refused() {
     let mut bytes = BY_PCL[2].to_vec();
     bytes[198] = 0xff; // the first packed byte: a reference to before the beginning
-    assert!(refusal(&bytes).contains("from byte 190 on cannot be unpacked"), "{}", refusal(&bytes));
+    assert!(refusal(&bytes).contains("from byte 190 on cannot be decompressed"), "{}", refusal(&bytes));
     bytes[194] ^= 1;
     assert!(refusal(&bytes).contains("the data state 19201 unpacked bytes, but the points need 19200"));
 }
@@ -232,7 +232,7 @@ fn sizes_are_judged_before_points_are_unpacked() {
     assert_eq!(larger, "the cloud is 4000×4000 px, but the camera's calibration is for 1944×1200 px");
     let wider = words(&file(100, 1_944, 1_200));
     assert!(wider.contains("2332800 points of 400 bytes (limits 64 bytes per point"), "{wider}");
-    assert!(words(&file(4, 1_944, 1_200)).contains("cannot be unpacked"));
+    assert!(words(&file(4, 1_944, 1_200)).contains("cannot be decompressed"));
 }
 
 /// The comment has one line and does not change the cloud that is read back.
