@@ -140,7 +140,7 @@ fn an_invalid_part_is_refused_with_the_limits() {
             "invalid message part 2 of 1: a message or file has 1 to 4096 parts",
         ),
         (head(&format!("\"file\":\"{file}\",\"part\":0,\"parts\":5000")), "part 0 of 5000"),
-        (head("\"part\":1,\"parts\":1"), "either to a message or to a file"),
+        (head("\"part\":1,\"parts\":1"), "either a message or a file"),
         (
             head(&format!("\"file\":\"{file}\",\"part\":1,\"parts\":1")).replace("cell-1", "a.*"),
             "valid: 1 to 40 letters",
