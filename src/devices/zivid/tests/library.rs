@@ -102,7 +102,9 @@ fn settings_that_the_sdk_refuses_are_reported_in_its_words() {
     let colorless =
         reported(&|setup| setup.scan_yaml = "__version__: {}\nSettings:\n  Acquisitions: [x]\n".to_owned());
     assert!(
-        colorless.ends_with("these settings have no Color part: a 3D shot is taken with its colours"),
+        colorless.ends_with(
+            "these settings have no Color part: a 3D shot is taken with its colours; correct them with Zivid Studio"
+        ),
         "{colorless}"
     );
     let halved =

@@ -141,11 +141,11 @@ fn settings_with_a_wrong_hash_are_refused() {
     let mut link = process::Link::new(stream, std::sync::Arc::default());
     link.receive_hello(TIMEOUT).expect("its first words");
     let hash = worker::settings_hash("scan, before");
-    let (usage, yaml) = (message::Use::Scan, "scan".to_owned());
+    let (usage, yaml, expected) = (message::Use::Scan, "scan".to_owned(), format!("expected {hash}"));
     let answer =
         link.send_and_receive(&message::Request::Settings { usage, yaml, hash }, TIMEOUT).expect("an answer");
     let process::Answer::Words(message::Reply::Refused(refusal)) = answer else { panic!("{answer:?}") };
-    assert!(refusal.message.contains("was announced"), "{refusal:?}");
+    assert!(refusal.message.contains(&expected), "{refusal:?}");
 }
 
 /// If the lamp is off, two black pictures are equal. The evaluation of the pictures reports this; it is not a frozen
