@@ -3,7 +3,7 @@
 PACKAGES := build-essential pkg-config libopencv-dev clang libclang-dev libaravis-dev libusb-1.0-0-dev
 DEMO_OUT := target/demo
 
-.PHONY: browser preflight sparkplug-peers opcua-peer deny mutants fuzz bench-damage package package-test zivid zivid-stub help setup demo demo-plant test test-rest test-long fixtures bench bench-seeds bench-robots bench-inspect bench-link bench-calib bench-wrong-inputs bench-real bench-surface bench-nominal bench-locate bench-worker bench-cameras bench-recording bench-manual bench-world bench-history bench-removal bench-tool-faults bench-treat bench-office bench-soak bench-cable bench-mutations bench-table
+.PHONY: browser preflight sparkplug-peers opcua-peer deny mutants fuzz bench-damage code-lines package package-test zivid zivid-stub help setup demo demo-plant test test-rest test-long fixtures bench bench-seeds bench-robots bench-inspect bench-link bench-calib bench-wrong-inputs bench-real bench-surface bench-nominal bench-locate bench-worker bench-cameras bench-recording bench-manual bench-world bench-history bench-removal bench-tool-faults bench-treat bench-office bench-soak bench-cable bench-mutations bench-table
 
 help:
 	@echo 'make demo    run a whole cycle on the simulated cell, write $(DEMO_OUT)/index.html'
@@ -14,6 +14,7 @@ help:
 	@echo 'make package a Debian package for the system of this machine; make package-test installs, upgrades and purges it in a folder'
 	@echo 'make bench   the sweeps behind the numbers in tests/bench/README.md, and their table there; one part alone: make bench-seeds, bench-robots, bench-locate, bench-inspect, bench-damage, bench-link, bench-calib, bench-wrong-inputs, bench-surface, bench-nominal, bench-worker, bench-cameras, bench-recording, bench-manual, bench-world, bench-history, bench-removal, bench-tool-faults, bench-treat, bench-office. Not part of it, since they run by the wall clock or for hours: make bench-cable, bench-soak, bench-mutations. After a single part: make bench-table'
 	@echo 'make deny    licences, duplicates, sources and known faults of all crates; make mutants: changes of the code that no test detects'
+	@echo 'make code-lines  lines of code by crate, today and of the commits COMMITS'
 	@echo 'make fuzz    search for bytes that break a reader, SECONDS=60 each; only one: make fuzz-krl SECONDS=600'
 	@echo 'make zivid   build the Zivid camera library; the SDK must be installed'
 	@echo 'make fixtures  record the cycles in fixtures/ again; `make test` replays them'
@@ -168,6 +169,11 @@ $(addprefix fuzz-,$(FUZZ_TARGETS)): fuzz-%: fuzz-build
 	  >target/fuzz/$*.log 2>&1 || { tail -40 target/fuzz/$*.log; exit 1; }
 	@echo "$* $$(sed -n 's/^stat::number_of_executed_units: */executions /p;s/^stat::average_exec_per_sec: */a second /p;s/^stat::peak_rss_mb: */MB /p' \
 	  target/fuzz/$*.log | tr '\n' ' ') $$(grep -o 'cov: [0-9]*' target/fuzz/$*.log | tail -1)"
+
+# Lines of Rust code by crate, without blank lines, comments and tests: today and at each of COMMITS.
+COMMITS := f43e28f7
+code-lines:
+	@tests/code_lines.py $(COMMITS)
 
 # A Debian package of the release build, in target/package/. Build it on the system on which it will be installed: Ubuntu 24.04 for a cell
 # (the Zivid SDK has packages for Ubuntu only, Aravis 0.8.25 and newer are in Ubuntu from 24.04 on), Debian 12 for the simulated cell.
