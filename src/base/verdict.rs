@@ -191,23 +191,15 @@ pub struct Check {
     pub unit: String,
     /// The limit of the value.
     pub limit: Limit,
-    /// The source of the limit; `None` if there is no limit, or if an earlier version of the program stored the check
-    /// without the source.
-    #[serde(default)]
+    /// The source of the limit; `None` if there is no limit.
     pub set_by: Option<LimitSource>,
-    /// The consequence if the limit is violated.
-    #[serde(default)]
+    /// The consequence if the limit is not met.
     pub severity: Severity,
-    /// The code of the reason if the limit is violated; several checks may have the same code.
-    #[serde(default)]
+    /// The code of the reason if the limit is not met; several checks may give the same reason.
     pub code: Option<Cow<'static, str>>,
-    /// The message of the reason if the limit is violated.
-    #[serde(default)]
+    /// The reason's words, if the limit is not met.
     pub message: Option<String>,
 }
-
-/// Names of the fields of a check that were added later: earlier versions of the program did not store them.
-pub const CHECK_FIELDS_ADDED_LATER: [&str; 4] = ["set_by", "severity", "code", "message"];
 
 impl Check {
     /// Creates a check of a value without a limit; `None` means that the value was not measured.
@@ -427,23 +419,6 @@ mod tests {
             "that it is not kept is said"
         );
         assert_eq!(judged.with_max_severity(Severity::Review).severity, Severity::Review);
-    }
-
-    /// An earlier version of the program stored only name, value, unit and limit.
-    #[test]
-    fn a_check_of_an_earlier_version_is_read() {
-        let text = r#"{"name": "residual", "value": 0.1, "unit": "mm", "limit": {"at_most": 0.25}}"#;
-        let read: Check = serde_json::from_str(text).expect("read");
-        assert_eq!(read, Check::new("residual", "mm", 0.1).with_stored_limit(Limit::AtMost(0.25)));
-        let written = serde_json::to_value(rms(0.26)).expect("written");
-        assert!(CHECK_FIELDS_ADDED_LATER.iter().all(|name| written.get(name).is_some()), "{written}");
-        assert_eq!(serde_json::from_value::<Check>(written).expect("read"), rms(0.26));
-    }
-
-    impl Check {
-        fn with_stored_limit(self, limit: Limit) -> Self {
-            Check { limit, ..self }
-        }
     }
 
     #[test]

@@ -157,9 +157,8 @@ pub enum Answer {
     },
     /// The grade of a localization, a corner picture or a plan, from its acceptance check.
     Graded(Grade),
-    /// Another corner picture is needed: of the next corner, or because this corner was not at its expected position.
-    /// The next corner pose is ready.
-    #[serde(alias = "displaced")]
+    /// The corner is seen, and another view is needed: of the next corner, or because this one was not at its expected
+    /// position. The next corner pose is ready.
     LookOn,
     /// The result of the film. It may be invalid, for example if the observation was interrupted.
     Filmed(Film),

@@ -11,8 +11,7 @@ use serde::{Deserialize, Serialize};
 pub struct Facts {
     /// The robot's condition.
     pub robot: Robot,
-    /// Whether the controller's override has the value for which contact is planned.
-    #[serde(default)]
+    /// Whether the controller's override is the one for which contact is planned.
     pub full_override: bool,
     /// Whether the robot has reported standstill since the last Reset or Clear.
     pub standing: bool,
@@ -26,12 +25,10 @@ pub struct Facts {
     pub arm: Option<Path>,
     /// Whether the pad may be in contact with the panel.
     pub touching: bool,
-    /// Whether the tool may run: it was switched on, and neither its feedback nor a person who cleared the cell has
-    /// confirmed that it is off. This fact is kept after a lost link and after a restart of the program.
-    #[serde(default)]
+    /// The tool, or for `water_may_run` the water, was switched on and is not proven off, neither by its feedback
+    /// nor by a person who cleared the cell. This stays after a lost link and after the end of the program.
     pub tool_may_run: bool,
-    /// Whether the water may run, with the same rules as `tool_may_run`.
-    #[serde(default)]
+    /// Whether the water may run; like `tool_may_run`.
     pub water_may_run: bool,
     /// Whether the sanding tool runs.
     pub tool: Tool,

@@ -23,8 +23,7 @@ pub struct State {
     pub last_id: Id,
     /// Number of dropped reports, which belonged to no effect in progress.
     pub dropped: u64,
-    /// Number of changes of `at`. A person's decision refers to the state that was displayed at one step.
-    #[serde(default)]
+    /// Number of changes of `at`. A person's decision is based on the state shown at one step.
     pub step: u64,
 }
 
@@ -255,11 +254,9 @@ pub struct Job {
     /// Whether the cycle has begun and has no verdict yet.
     pub running: bool,
     /// Whether the cycle is an air-run, which does not touch the panel.
-    #[serde(default)]
     pub air: bool,
     /// Whether a person dries the panel after each sanding pass, so that a new dry picture is the reference of the next
     /// film.
-    #[serde(default)]
     pub dries: bool,
     /// Maximum number of sanding passes.
     pub max_passes: u8,
@@ -273,8 +270,7 @@ pub struct Job {
     pub plan: u64,
     /// Number of waypoints of the last plan.
     pub waypoints: u32,
-    /// Number of corners that the present Verify has found at their expected positions.
-    #[serde(default)]
+    /// Number of corners that the Verify in progress has seen at their expected positions.
     pub verified: u8,
 }
 

@@ -27,7 +27,7 @@ pub enum PoseError {
     /// The panel is taught from its drawing, but the pose in the file does not refer to the drawing's frame.
     #[error(
         "the panel is taught from its drawing, and this file does not state the same pose as base_from_panel and \
-         base_from_drawing: an earlier version wrote the file, or the file belongs to a panel that was taught by a scan; locate the panel again"
+         base_from_drawing: it is of a panel that was taught by a scan; locate the panel again"
     )]
     NotOfDrawing,
     /// The pose in the file refers to a drawing's frame, but the panel is not taught from a drawing.

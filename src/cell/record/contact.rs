@@ -176,7 +176,7 @@ pub fn abraded_grids(findings: &[Finding], motions: &[MotionRecord]) -> Vec<Abra
         let found = if record.is_end_reported() { findings.next() } else { None };
         let pass = record.contact.as_ref().map_or(0, |contact| contact.path.pass);
         let Some(touched) = record.touched_grids() else {
-            // An earlier version of this program did not record the grids, only the end of the motion and its finding.
+            // Without a stored path, only the finding states what was touched.
             let unknown = AbradedGrid { grid: None, pass, how: AbrasionExtent::PossiblyTouched };
             all.extend((!record.is_end_reported()).then_some(unknown));
             continue;

@@ -13,8 +13,7 @@ pub struct RequestRecord {
     pub wanted: RequestedAction,
     /// The sender; `None` if the sender was not recorded.
     pub who: Option<RequestAuthor>,
-    /// The result; `None` if it was not recorded, because the program ended earlier or an earlier version wrote the
-    /// record.
+    /// The result; `None` if it was not recorded, because the program ended before.
     pub answer: Option<Answer>,
     /// The reasons why the request was not performed; for a performed request, remarks.
     pub reasons: Vec<Reason>,

@@ -270,13 +270,11 @@ pub struct Reply {
     pub of: Option<u32>,
     /// The page of the last cycle; `None` until it is written.
     pub page: Option<PathBuf>,
-    /// Positions of the arm's axes, degrees, while the arm is stationary and the connection to it works.
-    #[serde(default)]
+    /// Position of the arm's axes, degrees, while the arm is at rest and the link to it works.
     pub axes_deg: Option<[f64; 6]>,
     /// The last epoch of the robot.
     pub epoch: Option<u32>,
-    /// The step of the cycle's state table in this reply; the requests accept, unhold and clear must contain it.
-    #[serde(default)]
+    /// The step of the cycle's state table in this reply; the requests accept, unhold and clear must state it.
     pub step: Option<u64>,
     /// The running cycle, or the last one since the service started.
     pub cycle_id: Option<i64>,

@@ -28,8 +28,7 @@ pub struct Alarm {
     pub remedy: String,
     /// The phase that raised the alarm; `None` for a refused request, and for a reason that only the verdict contains.
     pub phase: Option<Kind>,
-    /// Time at which the alarm was raised, ms since 1970. For findings of an earlier program version, it is the start
-    /// of the cycle.
+    /// Time at which the alarm was raised, ms since 1970.
     pub raised_unix_ms: i64,
     /// Time at which the cause disappeared, ms since 1970; `None` while the alarm is active.
     pub gone_unix_ms: Option<i64>,
@@ -40,11 +39,10 @@ pub struct Alarm {
 /// Times that are not part of the cycle's record.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct AlarmTimes {
-    /// Time at which each finding was stored, ms since 1970, in the order of the findings; `None` for findings of an
-    /// earlier program version.
-    pub findings_unix_ms: Vec<Option<i64>>,
-    /// Time after the end of the cycle at which a person first reset or cleared the cell, or the next cycle began, ms
-    /// since 1970; `None` if neither has happened yet.
+    /// Time at which each finding was stored, ms since 1970, in their order.
+    pub findings_unix_ms: Vec<i64>,
+    /// Time at which a person first reset or cleared the cell after the end, or the next cycle began, ms since 1970;
+    /// `None` if neither has happened yet.
     pub settled_unix_ms: Option<i64>,
 }
 
@@ -109,8 +107,7 @@ pub fn alarms(record: &CycleRecord, times: &AlarmTimes, acknowledgements: &[Ackn
 
 fn alarms_from_findings(record: &CycleRecord, times: &AlarmTimes) -> Vec<Alarm> {
     let mut all: Vec<Alarm> = Vec::new();
-    for (index, finding) in record.findings.iter().enumerate() {
-        let at = times.findings_unix_ms.get(index).copied().flatten().unwrap_or(record.started_unix_s * 1_000);
+    for (finding, &at) in record.findings.iter().zip(&times.findings_unix_ms) {
         let given = |alarm: &Alarm| finding.judgement.reasons.iter().any(|reason| reason.code == alarm.code);
         let lasting = |alarm: &&mut Alarm| alarm.phase == Some(finding.kind) && alarm.is_active();
         for alarm in all.iter_mut().filter(lasting).filter(|alarm| !given(alarm)) {

@@ -292,7 +292,7 @@ fn with_reasons(kind: Kind, codes: &[&'static str]) -> Finding {
 /// Creates a cycle from 1,000 s to 1,090 s. Its findings were stored at intervals of 10 s from 1,010 s on.
 fn past(findings: Vec<Finding>, end: &[&'static str]) -> (CycleRecord, AlarmTimes) {
     let mut record = cycle(1, 0.06, &[], &[]).record;
-    let times = (0..findings.len() as i64).map(|index| Some(1_010_000 + index * 10_000)).collect();
+    let times = (0..findings.len() as i64).map(|index| 1_010_000 + index * 10_000).collect();
     record.findings = findings;
     record.judgement =
         Some(Judgement { verdict: Verdict::Reject, reasons: end.iter().map(|code| reason(code)).collect() });
@@ -356,14 +356,6 @@ fn the_alarms_of_a_running_cycle_last() {
     let (mut record, times) = past(vec![with_reasons(Kind::Locate, &["low_overlap"])], &[]);
     (record.judgement, record.ended_unix_s) = (None, None);
     assert_eq!(summaries(&record, &times), [alarm("low_overlap", Some(Kind::Locate), 1_010_000, None)]);
-}
-
-/// An earlier program version stored no times for findings; they get the start time of the cycle.
-#[test]
-fn findings_without_a_time_have_the_start_of_the_cycle() {
-    let (record, _) = past(vec![with_reasons(Kind::Locate, &["low_overlap"])], &[]);
-    let told = summaries(&record, &AlarmTimes::default());
-    assert_eq!(told, [alarm("low_overlap", Some(Kind::Locate), 1_000_000, Some(1_090_000))]);
 }
 
 #[test]

@@ -19,9 +19,8 @@ pub struct Progress {
     sent: BTreeMap<String, u64>,
     /// The number up to which the office server has all items, for each epoch.
     archived: BTreeMap<String, u64>,
-    /// Number of times that sending was restarted. The broker drops a message with a known id, so that an item that is
-    /// sent again needs a new id.
-    #[serde(default)]
+    /// The number of times that sending was restarted. A broker drops data with a known name, so data that is sent
+    /// again needs another name.
     again: u64,
 }
 

@@ -1,24 +1,15 @@
 //! The alarms of a cycle, with the times from the store.
 //!
-//! The time of a finding is stored in the same transaction as the finding; findings of earlier program versions have no
-//! time. An acknowledgement (the alarm, the person, the time) is a row that is written once and never changed: an alarm
-//! that is raised again is a new alarm.
+//! An acknowledgement (who acknowledged which alarm, and when) is a row that is written once and never changed: an
+//! alarm that is raised again is a new alarm.
 
-use super::commit::{TransactionFailure, WriteTransaction};
 use super::database::{Store, unix_ms};
 use super::error::StoreError;
 use crate::history::{Acknowledgement, Alarm, AlarmTimes, alarms};
 use panelprep_cell::record::{CycleId, CycleRecord};
-use rusqlite::{params, params_from_iter};
+use rusqlite::params;
 
-pub(super) const FINDING_TIME_TABLES: &str = "
-    CREATE TABLE finding_times (
-        finding_id INTEGER PRIMARY KEY REFERENCES findings (id),
-        unix_ms INTEGER NOT NULL
-    ) STRICT;
-";
-
-pub(super) const ACKNOWLEDGEMENT_TABLES: &str = "
+pub(super) const TABLES: &str = "
     CREATE TABLE acknowledgements (
         id INTEGER PRIMARY KEY,
         unix_ms INTEGER NOT NULL,
@@ -50,39 +41,22 @@ impl Store {
         let Some(ended_unix_s) = record.ended_unix_s else { return Ok(None) };
         // The end of the cycle is stored in whole seconds: a request in the same second may have been earlier.
         let after_unix_ms = (ended_unix_s + 1) * 1_000;
-        // A store of an earlier version of this program has no table of requests.
-        let (asked, count) = match self.has_table("requests")? {
-            true => (
-                "UNION ALL SELECT unix_ms FROM requests WHERE unix_ms >= ?2 AND request ->> 'answer' = 'done'
-                 AND request ->> '$.wanted.for' IN ('reset', 'clear')",
-                2,
-            ),
-            false => ("", 1),
-        };
-        let sql = format!(
-            "SELECT min(unix_ms) FROM (SELECT started_unix_s * 1000 AS unix_ms FROM cycles WHERE id > ?1 {asked})"
-        );
-        let values = [record.id.0, after_unix_ms];
-        let read = || {
-            self.connection.prepare_cached(&sql)?.query_row(params_from_iter(&values[..count]), |row| row.get(0))
-        };
+        let sql = "SELECT min(unix_ms) FROM (
+                 SELECT started_unix_s * 1000 AS unix_ms FROM cycles WHERE id > ?1
+                 UNION ALL SELECT unix_ms FROM requests WHERE unix_ms >= ?2 AND request ->> 'answer' = 'done'
+                 AND request ->> '$.wanted.for' IN ('reset', 'clear'))";
+        let read =
+            || self.connection.prepare_cached(sql)?.query_row([record.id.0, after_unix_ms], |row| row.get(0));
         read().map_err(|error| self.database_error("read the times of resets in", &error))
     }
 
-    /// Returns the time at which each finding of a cycle was stored, ms since 1970, in the order of the findings;
-    /// `None` for findings of an earlier program version.
+    /// Returns the time at which each finding of a cycle was stored, ms since 1970, in their order.
     ///
     /// # Errors
-    /// If the times cannot be read.
-    pub fn finding_times_unix_ms(&self, cycle: CycleId) -> Result<Vec<Option<i64>>, StoreError> {
-        let read = || -> Result<Vec<Option<i64>>, rusqlite::Error> {
-            let sql = match self.connection.table_exists(None, "finding_times")? {
-                true => {
-                    "SELECT unix_ms FROM findings LEFT JOIN finding_times ON finding_id = findings.id
-                     WHERE cycle_id = ?1 ORDER BY findings.id"
-                }
-                false => "SELECT NULL FROM findings WHERE cycle_id = ?1 ORDER BY id",
-            };
+    /// If they cannot be read.
+    pub fn finding_times_unix_ms(&self, cycle: CycleId) -> Result<Vec<i64>, StoreError> {
+        let read = || -> Result<Vec<i64>, rusqlite::Error> {
+            let sql = "SELECT unix_ms FROM findings WHERE cycle_id = ?1 ORDER BY id";
             self.connection.prepare_cached(sql)?.query_map([cycle.0], |row| row.get(0))?.collect()
         };
         read().map_err(|error| self.database_error("read the times of findings in", &error))
@@ -108,12 +82,9 @@ impl Store {
     /// Returns the acknowledgements of a cycle's alarms, the oldest first; `None` for the alarms between cycles.
     ///
     /// # Errors
-    /// If the acknowledgements cannot be read.
+    /// If they cannot be read.
     pub fn acknowledgements(&self, cycle: Option<CycleId>) -> Result<Vec<Acknowledgement>, StoreError> {
         let read = || -> Result<Vec<Acknowledgement>, rusqlite::Error> {
-            if !self.connection.table_exists(None, "acknowledgements")? {
-                return Ok(Vec::new());
-            }
             let sql = "SELECT unix_ms, cycle_id, code, raised_unix_ms, who FROM acknowledgements
                        WHERE cycle_id IS ?1 ORDER BY id";
             let row = |row: &rusqlite::Row<'_>| {
@@ -129,15 +100,4 @@ impl Store {
         };
         read().map_err(|error| self.database_error("read the acknowledgements of", &error))
     }
-}
-
-/// Inserts the time at which a finding is stored, in the transaction of the finding.
-pub(super) fn insert_finding_time(
-    writing: &mut WriteTransaction<'_>,
-    finding: i64,
-    unix_ms: i64,
-) -> Result<(), TransactionFailure> {
-    let sql = "INSERT INTO finding_times (finding_id, unix_ms) VALUES (?1, ?2)";
-    writing.execute(sql, [finding, unix_ms])?;
-    writing.chain("finding_times", finding)
 }

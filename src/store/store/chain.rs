@@ -75,8 +75,8 @@ impl HashedTable {
     }
 }
 
-/// All tables with their columns. The rows of a store without a chain are added to a new chain in this order.
-pub(super) static HASHED_TABLES: [HashedTable; 26] = [
+/// Every table with its columns.
+pub(super) static HASHED_TABLES: [HashedTable; 25] = [
     HashedTable::row(
         "taught_panels",
         "taught panel",
@@ -105,7 +105,7 @@ pub(super) static HASHED_TABLES: [HashedTable; 26] = [
         "cycle",
         &["started_unix_s", "panel", "taught_version", "recipe_hash", "files", "program_version"],
     ),
-    HashedTable::row("findings", "finding", &["cycle_id", "kind", "pass", "finding"]),
+    HashedTable::row("findings", "finding", &["cycle_id", "kind", "pass", "finding", "unix_ms"]),
     HashedTable {
         key: "sequence",
         ..HashedTable::row("journal", "journal line", &["cycle_id", "unix_ms", "event", "chain"])
@@ -149,7 +149,6 @@ pub(super) static HASHED_TABLES: [HashedTable; 26] = [
     HashedTable::row("cycle_facts", "fact of a cycle", &["cycle_id", "name", "fact"]),
     HashedTable::row("accounts", "account", &["unix_ms", "account"]),
     HashedTable::row("audit", "line of the audit trail", &["unix_ms", "entry"]),
-    HashedTable { key: "finding_id", ..HashedTable::row("finding_times", "time of finding", &["unix_ms"]) },
     HashedTable::row(
         "acknowledgements",
         "acknowledgement",
@@ -249,20 +248,5 @@ pub(super) fn add_link(
     connection
         .prepare_cached("INSERT INTO chain (link, part, row_key, row_hash, hash) VALUES (?1, ?2, ?3, ?4, ?5)")?
         .execute(params![place.link, part.name, row_key, row_hash, place.hash])?;
-    Ok(place)
-}
-
-/// Adds every row of a store of an earlier version of this program to the chain; returns the chain's new position.
-pub(super) fn adopt_rows(connection: &Connection) -> Result<ChainPosition, rusqlite::Error> {
-    let mut place = ChainPosition::START;
-    for part in &HASHED_TABLES {
-        let HashedTable { table, key, is_written_sql: written, .. } = part;
-        let sql = format!("SELECT {key} FROM {table} WHERE {written} ORDER BY 1");
-        let mut statement = connection.prepare(&sql)?;
-        let mut rows = statement.query([])?;
-        while let Some(row) = rows.next()? {
-            place = add_link(connection, place, part, row.get(0)?)?;
-        }
-    }
     Ok(place)
 }

@@ -6,7 +6,7 @@ use super::database::{DATABASE, Store};
 use super::error::StoreError;
 use super::flush::file_hash;
 use super::head::HeadFile;
-use super::{chain, flush, head, prune, schema};
+use super::{chain, flush, head, prune};
 use rusqlite::Connection;
 use rusqlite::backup::{Backup, StepResult};
 use rustix::fs::{CWD, RenameFlags, renameat_with};
@@ -43,12 +43,8 @@ impl Store {
     /// If there is no store, it was written by an earlier program version, or the copy cannot be written.
     pub fn copy_rows(folder: &Path, to: &Path) -> Result<CopiedStore, StoreError> {
         let store = Store::open(folder)?;
-        let found = schema::version(&store.connection, store.path())?;
-        if found < schema::SCHEMA {
-            return Err(StoreError::Older { path: folder.to_owned(), found, known: schema::SCHEMA });
-        }
-        // Begin a read transaction: from now on this connection sees the same rows, and the head is read at the same
-        // moment.
+        // A read transaction begins: from now on the rows do not change for this connection, and the head is that of
+        // the same moment.
         let begin = || -> Result<ChainPosition, rusqlite::Error> {
             store.connection.execute_batch("BEGIN")?;
             chain::last_link(&store.connection)
@@ -110,7 +106,7 @@ fn copy_database(connection: &Connection, to: &Path) -> Result<(), rusqlite::Err
 }
 
 /// Keeps a copy of the database and the head of its chain before the tables of an earlier version of this program are
-/// changed: `panelprep.schema-6.sqlite`, `panelprep.schema-6.head`. An existing copy is never overwritten. Returns the
+/// changed: `panelprep.schema-1.sqlite`, `panelprep.schema-1.head`. An existing copy is never overwritten. Returns the
 /// copy's file.
 pub(super) fn keep_earlier_version(
     connection: &Connection,

@@ -6,7 +6,7 @@
 use super::commit::{TransactionFailure, WriteTransaction};
 use super::database::{Store, unix_ms};
 use super::error::StoreError;
-use super::{alarms, outbox, search};
+use super::{outbox, search};
 use crate::history::{DiscWear, PastCycle, TrendPoint};
 use crate::office::Kind;
 use panelprep_base::verdict::{Judgement, Limit, Reason, Verdict};
@@ -37,7 +37,8 @@ pub(super) const TABLES: &str = "
         cycle_id INTEGER NOT NULL REFERENCES cycles (id),
         kind TEXT NOT NULL,
         pass INTEGER NOT NULL,
-        finding TEXT NOT NULL
+        finding TEXT NOT NULL,
+        unix_ms INTEGER NOT NULL
     ) STRICT;
     CREATE INDEX findings_by_cycle ON findings (cycle_id);
 ";
@@ -196,12 +197,10 @@ impl Store {
         let unix_ms = unix_ms(self.clock());
         self.commit("write a finding to", |writing| {
             writing.execute(
-                "INSERT INTO findings (cycle_id, kind, pass, finding) VALUES (?1, ?2, ?3, ?4)",
-                params![id.0, kind.trim_matches('"'), finding.pass, text],
+                "INSERT INTO findings (cycle_id, kind, pass, finding, unix_ms) VALUES (?1, ?2, ?3, ?4, ?5)",
+                params![id.0, kind.trim_matches('"'), finding.pass, text, unix_ms],
             )?;
-            let number = writing.last_insert_rowid();
-            writing.chain("findings", number)?;
-            alarms::insert_finding_time(writing, number, unix_ms)
+            writing.chain("findings", writing.last_insert_rowid())
         })
     }
 
@@ -449,7 +448,6 @@ impl Store {
         serial: &str,
         before: Option<CycleId>,
     ) -> Result<Vec<PassesOfCycle>, StoreError> {
-        self.ensure_parts_table()?;
         let read = || -> Result<Vec<CycleId>, rusqlite::Error> {
             let sql = "SELECT cycle_id, serial FROM cycle_parts WHERE serial NOTNULL AND (?1 IS NULL OR cycle_id < ?1) ORDER BY 1";
             let mut statement = self.connection.prepare(sql)?;

@@ -120,13 +120,6 @@ impl Store {
         Path::new(self.connection.path().unwrap_or(DATABASE))
     }
 
-    /// Returns whether a table exists; in a store of an earlier program version that is open for reading only, tables
-    /// may be missing.
-    pub(super) fn has_table(&self, name: &str) -> Result<bool, StoreError> {
-        let there = self.connection.table_exists(None, name);
-        there.map_err(|error| self.database_error("read the tables of", &error))
-    }
-
     pub(super) fn database_error(&self, doing: &'static str, error: &rusqlite::Error) -> StoreError {
         StoreError::database(doing, self.path(), error)
     }

@@ -284,7 +284,7 @@ fn describe_known_names(nearest: Option<&str>, known: &[String]) -> String {
 pub struct UnknownPassCount {
     /// The serial number of the part; empty for a part without one.
     pub serial: String,
-    /// Time at which the backup was made, s since 1970; `None` if an earlier program version restored it.
+    /// Time at which the backup was made, s since 1970; `None` if the mark of the restore does not state it.
     pub made_unix_s: Option<i64>,
     /// Time at which the restored store was first opened, s since 1970.
     pub restored_unix_s: i64,

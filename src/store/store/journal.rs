@@ -24,9 +24,6 @@ pub(super) const TABLES: &str = "
         chain TEXT NOT NULL
     ) STRICT;
     CREATE INDEX journal_by_cycle ON journal (cycle_id);
-";
-
-pub(super) const CHECKPOINT_TABLES: &str = "
     CREATE TABLE checkpoints (
         sequence INTEGER PRIMARY KEY,
         journal_chain TEXT NOT NULL,

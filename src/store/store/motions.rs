@@ -22,7 +22,9 @@ use rusqlite::{OptionalExtension, Row, params};
 use serde::Serialize;
 use std::collections::BTreeSet;
 
-/// The unique index `one_open_motion` makes the database refuse a second open motion.
+/// The unique index `one_open_motion` permits at most one open motion, so that the database itself refuses a second
+/// one. `cycle_facts` holds named facts of a cycle that are stored nowhere else: its clock, the file of its recording. A
+/// row of `discs` is the area swept by one path, or a new disc with the area 0.
 pub(super) const TABLES: &str = "
     CREATE TABLE motions (
         id INTEGER PRIMARY KEY,
@@ -33,11 +35,6 @@ pub(super) const TABLES: &str = "
     ) STRICT;
     CREATE UNIQUE INDEX one_open_motion ON motions ((outcome IS NULL)) WHERE outcome IS NULL;
     CREATE INDEX motions_by_cycle ON motions (cycle_id);
-";
-
-/// `cycle_facts` contains named facts of a cycle that are not in another table: its clock, and the file of its
-/// recording.
-pub(super) const CONTACT_TABLES: &str = "
     CREATE TABLE contacts (
         id INTEGER PRIMARY KEY,
         motion_id INTEGER NOT NULL UNIQUE REFERENCES motions (id),
@@ -57,10 +54,6 @@ pub(super) const CONTACT_TABLES: &str = "
         fact TEXT NOT NULL
     ) STRICT;
     CREATE INDEX cycle_facts_by_cycle ON cycle_facts (cycle_id);
-";
-
-/// A row contains the area swept by one path, or a new disc with the area 0.
-pub(super) const DISC_TABLES: &str = "
     CREATE TABLE discs (
         id INTEGER PRIMARY KEY,
         cycle_id INTEGER REFERENCES cycles (id),
@@ -241,9 +234,6 @@ impl Store {
 
     /// Returns the contact path of the motion in this row.
     fn contact_of_motion(&self, cycle: CycleId, motion_row: i64) -> Result<Option<Contact>, StoreError> {
-        if !self.has_table("requests")? {
-            return Ok(None);
-        }
         let read = || -> Result<Option<(String, u32)>, rusqlite::Error> {
             let sql = "SELECT path, (SELECT coalesce(max(waypoints), 0) FROM permits WHERE motion_id = ?1)
                 FROM contacts WHERE motion_id = ?1";
@@ -322,7 +312,6 @@ impl Store {
 
     /// Returns the earlier cycles that may have had the same part as this cycle, in order.
     fn earlier_cycles_of_part(&self, id: CycleId) -> Result<Vec<CycleId>, StoreError> {
-        self.ensure_parts_table()?;
         let failed = |error: rusqlite::Error| self.database_error("read the cycles of", &error);
         let read = || -> Result<Vec<(i64, String)>, rusqlite::Error> {
             let sql = "SELECT cycles.id, coalesce(serial, '') FROM cycles LEFT JOIN cycle_parts ON cycle_id = cycles.id
@@ -413,9 +402,6 @@ impl Store {
     }
 
     fn facts(&self, id: CycleId, name: &str) -> Result<Vec<String>, StoreError> {
-        if !self.has_table("requests")? {
-            return Ok(Vec::new());
-        }
         let read = || -> Result<Vec<String>, rusqlite::Error> {
             let sql = "SELECT fact FROM cycle_facts WHERE cycle_id = ?1 AND name = ?2 ORDER BY id";
             self.connection.prepare(sql)?.query_map(params![id.0, name], |row| row.get(0))?.collect()
@@ -492,7 +478,7 @@ impl Store {
     /// Returns the area that the mounted disc has swept, mm².
     ///
     /// # Errors
-    /// If the table of discs cannot be read, or is missing because an earlier program version wrote the store.
+    /// If it cannot be read.
     pub fn disc_worn_mm2(&self) -> Result<f64, StoreError> {
         self.connection
             .query_row(

@@ -8,7 +8,7 @@ use super::flush::{file_hash, log_path};
 use super::fullness::{DiskFullness, ReserveFile};
 use super::head::{Head, HeadFile};
 use super::lease::WriteLease;
-use super::{chain, copy, flush, fullness, head, schema, search};
+use super::{chain, copy, flush, fullness, head, schema};
 use rusqlite::{Connection, OpenFlags, TransactionBehavior};
 use std::path::Path;
 use std::time::SystemTime;
@@ -22,8 +22,15 @@ impl Store {
     /// changed.
     ///
     /// # Errors
-    /// If there is no store, it is damaged, or it was written by a newer version of this program or by another program.
+    /// If there is no store, it is damaged, or it was written by another version of this program or by another program.
     pub fn open(folder: &Path) -> Result<Self, StoreError> {
+        let store = Store::open_any_schema(folder)?;
+        schema::require_current(schema::version(&store.connection, store.path())?, folder)?;
+        Ok(store)
+    }
+
+    /// Opens the store as [`Store::open`] does, also if its tables are not yet updated.
+    pub(super) fn open_any_schema(folder: &Path) -> Result<Self, StoreError> {
         let path = folder.join(DATABASE);
         if !path.is_file() {
             return Err(StoreError::Missing { path: folder.to_owned() });
@@ -63,10 +70,6 @@ impl Store {
     /// nothing is signed, and the head stays unchanged until the next start has checked it.
     pub(super) fn for_signing(folder: &Path) -> Result<Self, StoreError> {
         let store = Store::open_beside_writer(folder)?;
-        let version = schema::version(&store.connection, store.path())?;
-        if version < schema::SCHEMA {
-            return Err(StoreError::Older { path: folder.to_owned(), found: version, known: schema::SCHEMA });
-        }
         let (head_read, last) = match head::read_locked(folder, || chain::last_link(&store.connection)) {
             Ok((head_read, last)) => (Ok(head_read), last),
             Err(error) => (Err(error), chain::last_link(&store.connection)),
@@ -91,7 +94,7 @@ impl Store {
         let connection = Connection::open(&path).map_err(failed)?;
         let version = schema::version(&connection, &path)?;
         schema::check_pages(&connection, &path)?;
-        if (1..schema::SCHEMA).contains(&version) {
+        if version > 0 && version < schema::SCHEMA {
             let kept = copy::keep_earlier_version(&connection, folder, version)?;
             tracing::info!("the store's tables are updated; a copy of the old ones is kept in {}", kept.display());
         }
@@ -153,14 +156,9 @@ impl Store {
     fn update_tables(&mut self, version: i64) -> Result<Result<ChainPosition, std::io::Error>, rusqlite::Error> {
         let Some(head) = &self.head else { return Ok(Ok(ChainPosition::START)) };
         let transaction = self.connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
-        let before = if version < schema::FIRST_CHAINED_SCHEMA {
-            ChainPosition::START
-        } else {
-            chain::last_link(&transaction)?
-        };
+        let before = if version == 0 { ChainPosition::START } else { chain::last_link(&transaction)? };
         let Some(after) = schema::update(&transaction)? else { return Ok(Ok(before)) };
-        search::fill_missing_parts(&transaction, &self.blobs)?;
-        // A head that has contents is checked before it is overwritten.
+        // A head that has content is checked before it is overwritten.
         let is_new = matches!(head::read(self.blobs.store()), Ok(None));
         if is_new && let Err(error) = head.prepare(before, after) {
             return Ok(Err(error));

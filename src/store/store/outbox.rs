@@ -36,37 +36,14 @@ pub(super) const TABLES: &str = "
     ) STRICT;
 ";
 
-/// The reason for the first epoch of a store.
-const NEW_STORE: &str = "new store";
-/// Begins the first epoch and adds the rows of an earlier version of this program, in their order, in the present
-/// transaction. If the store has no chain yet, this comes before the tables are added to a chain.
-pub(super) fn begin_outbox(connection: &Connection, is_chained: bool) -> Result<(), rusqlite::Error> {
+/// Begins the first epoch of a new store, in the present transaction. Its row is the first link of the chain.
+pub(super) fn begin_first_epoch(connection: &Connection) -> Result<(), rusqlite::Error> {
     connection.execute(
-        "INSERT INTO outbox_epochs (epoch, unix_ms, why) VALUES (lower(hex(randomblob(16))), 0, ?1)",
-        [NEW_STORE],
+        "INSERT INTO outbox_epochs (epoch, unix_ms, why) VALUES (lower(hex(randomblob(16))), 0, 'new store')",
+        [],
     )?;
-    let kept = "INSERT INTO outbox (epoch_id, number, kind, row_key, unix_ms)
-        SELECT 1, row_number() OVER (ORDER BY at, kind, row_key), kind, row_key, at FROM (
-            SELECT 'cycle' AS kind, id AS row_key, coalesce(ended_unix_s, 0) * 1000 AS at FROM cycles WHERE verdict IS NOT NULL
-            UNION ALL SELECT 'signature', id, unix_ms FROM signatures
-            UNION ALL SELECT 'verification', id, at_unix_s * 1000 FROM verifications
-        )";
-    connection.execute(kept, [])?;
-    if !is_chained {
-        return Ok(());
-    }
-    let mut last = chain::last_link(connection)?;
-    for name in ["outbox_epochs", "outbox"] {
-        let part = chain::hashed_table(name).ok_or_else(|| rusqlite::Error::InvalidColumnName(name.to_owned()))?;
-        let ids: Vec<i64> = connection
-            .prepare(&format!("SELECT id FROM {name} ORDER BY id"))?
-            .query_map([], |row| row.get(0))?
-            .collect::<Result<_, _>>()?;
-        for id in ids {
-            last = chain::add_link(connection, last, part, id)?;
-        }
-    }
-    Ok(())
+    let part = chain::part("outbox_epochs").ok_or(rusqlite::Error::QueryReturnedNoRows)?;
+    chain::add(connection, chain::ChainPosition::START, part, connection.last_insert_rowid()).map(drop)
 }
 
 /// Inserts a row for an item, in the transaction that writes the item.
@@ -107,11 +84,8 @@ impl Store {
     /// Returns the position of the last row of each epoch, the oldest epoch first.
     ///
     /// # Errors
-    /// If the rows cannot be read.
+    /// If they cannot be read.
     pub fn outbox_epochs(&self) -> Result<Vec<Position>, StoreError> {
-        if !self.has_table("outbox")? {
-            return Ok(Vec::new());
-        }
         let sql = "SELECT epoch, coalesce((SELECT max(number) FROM outbox WHERE epoch_id = outbox_epochs.id), 0)
             FROM outbox_epochs ORDER BY id";
         let read = || -> Result<Vec<Position>, rusqlite::Error> {

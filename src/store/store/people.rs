@@ -20,9 +20,6 @@ pub(super) const TABLES: &str = "
         unix_ms INTEGER NOT NULL,
         entry TEXT NOT NULL
     ) STRICT;
-";
-
-pub(super) const INCIDENT_TABLES: &str = "
     CREATE TABLE incidents (
         id INTEGER PRIMARY KEY,
         at_unix_s INTEGER NOT NULL,
@@ -93,9 +90,6 @@ impl Store {
     /// # Errors
     /// If the accounts cannot be read.
     pub fn accounts(&self) -> Result<BTreeMap<String, Account>, StoreError> {
-        if !self.has_table("accounts")? {
-            return Ok(BTreeMap::new());
-        }
         let rows = self.texts("SELECT id, account FROM accounts ORDER BY id", &[])?;
         let account = |(_, text): &(i64, String)| {
             let account: Account = self.parse_stored(text)?;
@@ -123,9 +117,6 @@ impl Store {
     /// # Errors
     /// If the entries cannot be read.
     pub fn audit(&self, before: Option<TrailPosition>, most: usize) -> Result<Vec<NumberedEntry>, StoreError> {
-        if !self.has_table("audit")? {
-            return Ok(Vec::new());
-        }
         let sql =
             "SELECT id, entry FROM audit WHERE (unix_ms, id) < (?1, ?2) ORDER BY unix_ms DESC, id DESC LIMIT ?3";
         let before = before.unwrap_or(TrailPosition::END);
@@ -138,9 +129,6 @@ impl Store {
     /// # Errors
     /// If the entries cannot be read.
     pub fn audit_of_subjects(&self, what: &str, subject_begins: &str) -> Result<Vec<NumberedEntry>, StoreError> {
-        if !self.has_table("audit")? {
-            return Ok(Vec::new());
-        }
         let sql = "SELECT id, entry FROM audit WHERE entry ->> 'what' = ?1 AND entry ->> 'refused' IS NULL
             AND substr(entry ->> 'subject', 1, length(?2)) = ?2 ORDER BY id DESC";
         self.entries(sql, &[&what, &subject_begins])

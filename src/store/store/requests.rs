@@ -100,9 +100,6 @@ impl Store {
     /// # Errors
     /// If the requests cannot be read.
     pub fn requests(&self, before: Option<TrailPosition>, most: usize) -> Result<Vec<NumberedRequest>, StoreError> {
-        if !self.has_table("requests")? {
-            return Ok(Vec::new());
-        }
         let TrailPosition { unix_ms, number } = before.unwrap_or(TrailPosition::END);
         let most = i64::try_from(most).unwrap_or(i64::MAX);
         let read = || -> Result<Vec<(i64, Option<i64>, String)>, rusqlite::Error> {
@@ -120,19 +117,11 @@ impl Store {
 
     /// Returns the requests during a cycle, in order. A request that is only in the journal is read from there.
     pub(super) fn requests_in_cycle(&self, id: CycleId) -> Result<Vec<RequestRecord>, StoreError> {
-        let mut asked = match self.has_table("requests")? {
-            true => self.requests_where("cycle_id = ?1", "cycle_id = ?1", id)?,
-            false => Vec::new(),
-        };
-        let without = match self.has_table("requests")? {
-            true => "AND sequence NOT IN (SELECT journal_sequence FROM requests WHERE journal_sequence NOT NULL)",
-            false => "",
-        };
-        let sql = format!(
-            "SELECT unix_ms, event FROM journal WHERE cycle_id = ?1 AND event LIKE '{{\"asked\":%' {without}
-             ORDER BY sequence"
-        );
-        for (unix_ms, text) in self.request_rows(&sql, id)? {
+        let mut asked = self.requests_where("cycle_id = ?1", "cycle_id = ?1", id)?;
+        let sql = "SELECT unix_ms, event FROM journal WHERE cycle_id = ?1 AND event LIKE '{\"asked\":%'
+             AND sequence NOT IN (SELECT journal_sequence FROM requests WHERE journal_sequence NOT NULL)
+             ORDER BY sequence";
+        for (unix_ms, text) in self.request_rows(sql, id)? {
             if let Event::Asked(request) = self.parse_stored(&text)? {
                 let wanted = RequestedAction::For(request);
                 asked.push(RequestRecord {
@@ -155,9 +144,6 @@ impl Store {
         id: CycleId,
         started_unix_s: i64,
     ) -> Result<Vec<RequestRecord>, StoreError> {
-        if !self.has_table("requests")? {
-            return Ok(Vec::new());
-        }
         let after = "id > (SELECT coalesce(max(id), 0) FROM requests WHERE cycle_id < ?1)";
         let before = "id < (SELECT coalesce(min(id), 9223372036854775807) FROM requests WHERE cycle_id >= ?1)";
         let mut asked = self.requests_where(&format!("cycle_id IS NULL AND {after}"), before, id)?;
@@ -214,9 +200,6 @@ impl Store {
     /// # Errors
     /// If the rows cannot be read, or one has an unknown stage: an older row must not be used instead of it.
     pub fn proofs(&self) -> Result<Vec<ProofsPage>, StoreError> {
-        if !self.has_table("requests")? {
-            return Ok(vec![]);
-        }
         let read = || -> Result<Vec<String>, rusqlite::Error> {
             let sql =
                 "SELECT request FROM requests WHERE request ->> '$.wanted.proofs' IS NOT NULL ORDER BY id DESC";

@@ -31,7 +31,7 @@ const RESTORED_MARK_FILE: &str = "panelprep.restored";
 pub struct Restore {
     /// The last cycle number that is known to be used; further cycles have higher numbers.
     pub last_cycle: CycleId,
-    /// Time at which the backup was made, s since 1970; `None` if an earlier program version restored it.
+    /// Time at which the backup was made, s since 1970; `None` if the mark of the restore does not state it.
     pub made_unix_s: Option<i64>,
     /// Whether it is proven that nothing was sanded after the backup.
     pub is_nothing_abraded: bool,
@@ -110,7 +110,7 @@ impl Store {
     /// The store may be damaged or changed: the number proves nothing, but all numbers up to it may have been used.
     /// Returns `None` if the number cannot be read, or it is another store.
     pub fn last_readable_number(replaced: &Path, backup: &Path) -> Option<CycleId> {
-        let (found, store) = (Store::open(replaced).ok()?, Store::open(backup).ok()?);
+        let (found, store) = (Store::open_any_schema(replaced).ok()?, Store::open(backup).ok()?);
         let epochs = store.outbox_epochs().ok()?;
         let is_known = |epoch: &str| epochs.iter().any(|own| own.epoch == epoch);
         let is_same = found.outbox_epochs().ok()?.iter().any(|epoch| is_known(&epoch.epoch));
@@ -153,9 +153,6 @@ impl Store {
     /// Returns the restores of this store in order, each with the time at which the restored store was first opened, ms
     /// since 1970.
     fn restores(&self) -> Result<Vec<(Restore, i64)>, StoreError> {
-        if !self.has_table("outbox")? {
-            return Ok(Vec::new());
-        }
         let read = || -> Result<Vec<(Restore, i64)>, rusqlite::Error> {
             let sql = "SELECT substr(why, length(?1) + 1), unix_ms FROM outbox_epochs
                  WHERE substr(why, 1, length(?1)) = ?1 ORDER BY id";
@@ -193,7 +190,6 @@ impl Store {
 
     /// Returns the last cycle above this number whose start request stated the passes on the part in lost cycles.
     fn last_statement(&self, (panel, serial): (&str, &str), above: CycleId) -> Result<Option<CycleId>, StoreError> {
-        self.ensure_parts_table()?;
         let own = normalised_serial(serial);
         let accepted =
             if UnknownPassCount::is_another_part_sufficient(serial) { ANOTHER_PART_TEXT } else { LostPasses::FILE };

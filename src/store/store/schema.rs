@@ -1,4 +1,4 @@
-//! The version of the tables: it is checked before any write, and the tables are updated step by step.
+//! The schema: its number is checked before any write, and the tables are created and updated step by step.
 
 use super::chain::ChainPosition;
 use super::error::StoreError;
@@ -10,13 +10,11 @@ use rusqlite::Connection;
 use std::path::Path;
 use std::sync::OnceLock;
 
-/// The newest schema that this program supports. 1: taught panels. 2: cycles, findings, journal, motions. 3:
-/// verifications. 4: discs. 5: strike-outs of verifications. 6: the chain, checkpoints, incidents, removed files. 7:
-/// requests, contact paths, facts of a cycle. 8: accounts and the audit trail, parts, times of findings,
-/// acknowledgements, signatures. 9: the rows for the office.
-pub(super) const SCHEMA: i64 = 9;
-/// The first schema with a chain.
-pub(super) const FIRST_CHAINED_SCHEMA: i64 = 6;
+/// The steps from each schema to the next one; schema 0 is an empty database. A released step is never changed: a later
+/// version of this program adds one.
+const STEPS: [fn(&Connection) -> Result<(), rusqlite::Error>; 1] = [create_tables];
+/// The newest schema that this program supports.
+pub(super) const SCHEMA: i64 = STEPS.len() as i64;
 
 /// Returns the schema of the database; 0 for an empty database. Nothing is written: a database of another program stays
 /// unchanged.
@@ -64,58 +62,45 @@ pub(super) fn prepare(connection: &Connection) -> Result<(), rusqlite::Error> {
     connection.pragma_update(None, "foreign_keys", "ON")
 }
 
-/// Updates the tables, and adds the rows of a store without a chain to a chain, in the present transaction. Returns the
-/// chain's end if anything was changed.
+/// Refuses a store of an earlier schema: only a start of the service updates its tables.
+pub(super) fn require_current(found: i64, folder: &Path) -> Result<(), StoreError> {
+    match found < SCHEMA {
+        true => Err(StoreError::Older { path: folder.to_owned(), found, known: SCHEMA }),
+        false => Ok(()),
+    }
+}
+
+/// Performs the missing steps in the present transaction. Returns the chain's end if anything was changed.
 pub(super) fn update(transaction: &Connection) -> Result<Option<ChainPosition>, rusqlite::Error> {
     let (found, _) = read(transaction)?;
     if found == SCHEMA {
         return Ok(None);
     }
-    if found < 1 {
-        transaction.execute_batch(teaching::TABLES)?;
-    }
-    if found < 2 {
-        transaction.execute_batch(cycles::TABLES)?;
-        transaction.execute_batch(journal::TABLES)?;
-        transaction.execute_batch(motions::TABLES)?;
-    }
-    if found < 3 {
-        transaction.execute_batch(verifications::TABLES)?;
-    }
-    if found < 4 {
-        transaction.execute_batch(motions::DISC_TABLES)?;
-    }
-    if found < 5 {
-        transaction.execute_batch(verifications::STRIKE_TABLES)?;
-    }
-    // The tables of schemas 7 and later are created before the chain, which includes every table.
-    if found < 7 {
-        transaction.execute_batch(requests::TABLES)?;
-        transaction.execute_batch(motions::CONTACT_TABLES)?;
-    }
-    if found < 8 {
-        for tables in [
-            people::TABLES,
-            search::PART_TABLES,
-            alarms::FINDING_TIME_TABLES,
-            alarms::ACKNOWLEDGEMENT_TABLES,
-            signatures::TABLES,
-        ] {
-            transaction.execute_batch(tables)?;
-        }
-    }
-    if found < 9 {
-        transaction.execute_batch(outbox::TABLES)?;
-        outbox::begin_outbox(transaction, found >= FIRST_CHAINED_SCHEMA)?;
-    }
-    if found < FIRST_CHAINED_SCHEMA {
-        for tables in [chain::TABLES, journal::CHECKPOINT_TABLES, people::INCIDENT_TABLES, prune::TABLES] {
-            transaction.execute_batch(tables)?;
-        }
-        chain::adopt_rows(transaction)?;
-    }
+    STEPS.iter().skip(usize::try_from(found).unwrap_or(0)).try_for_each(|step| step(transaction))?;
     transaction.pragma_update(None, "user_version", SCHEMA)?;
     chain::last_link(transaction).map(Some)
+}
+
+/// Creates the tables of schema 1 in an empty database, and the first epoch of the rows for the office.
+fn create_tables(connection: &Connection) -> Result<(), rusqlite::Error> {
+    for tables in [
+        teaching::TABLES,
+        cycles::TABLES,
+        journal::TABLES,
+        motions::TABLES,
+        verifications::TABLES,
+        requests::TABLES,
+        people::TABLES,
+        search::TABLES,
+        alarms::TABLES,
+        signatures::TABLES,
+        outbox::TABLES,
+        prune::TABLES,
+        chain::TABLES,
+    ] {
+        connection.execute_batch(tables)?;
+    }
+    outbox::begin_first_epoch(connection)
 }
 
 /// Returns the differences between the tables and indices of the database and those of this program, without SQLite's

@@ -1,10 +1,10 @@
 //! The search for cycles: a query of `history` in SQL. The next page begins at a cycle number, not at a row offset, so
 //! that new cycles do not shift the pages.
 //!
-//! The names of each cycle's part (serial number, work order, operator) are in a table for the search. The original
-//! text is the file `part` of the cycle, whose hash is in the hash chain. The table is an index of these texts and is
-//! not part of the chain. It is written in the transaction that begins a cycle, and is created again for cycles of
-//! earlier program versions. `store verify` compares every row with its text.
+//! The names of each cycle's part (serial number, work order, operator) are in a table that can be searched. The
+//! authoritative text is the one that the cycle stores as the file `part`; the chain covers its hash. The table is an
+//! index over those texts and is not part of the chain. It is written in the transaction that begins a cycle, and
+//! `store verify` compares every row with its text.
 
 use super::blobs::Blobs;
 use super::commit::TransactionFailure;
@@ -17,7 +17,7 @@ use rusqlite::types::Value;
 use rusqlite::{Connection, OptionalExtension, Row, params, params_from_iter};
 use std::collections::BTreeMap;
 
-pub(super) const PART_TABLES: &str = "
+pub(super) const TABLES: &str = "
     CREATE TABLE cycle_parts (
         cycle_id INTEGER PRIMARY KEY REFERENCES cycles (id),
         serial TEXT,
@@ -85,7 +85,7 @@ fn escape_like(text: &str) -> String {
 /// SQL condition: a motion of the cycle is that of an air-run.
 const MOVED_IN_AIR_SQL: &str =
     "EXISTS (SELECT 1 FROM motions WHERE cycle_id = cycles.id AND motion ->> 'path' = 'air')";
-/// SQL condition: an air-run was requested. Stores of earlier program versions contain no requests.
+/// SQL condition that an air-run was requested.
 const REQUESTED_AIR_RUN_SQL: &str = "EXISTS (SELECT 1 FROM requests WHERE cycle_id = cycles.id
     AND json_type(request, '$.wanted.for.air_run') IS NOT NULL AND request ->> 'answer' = 'done')";
 
@@ -95,14 +95,12 @@ impl Store {
     /// # Errors
     /// If the cycles cannot be read.
     pub fn search(&self, query: &Query) -> Result<Hits, StoreError> {
-        self.ensure_parts_table()?;
         let read = |error: rusqlite::Error| self.database_error("search the cycles of", &error);
         let SqlConditions { sql, mut values } = SqlConditions::from_query(query);
         let condition = if sql.is_empty() { "TRUE".to_owned() } else { sql.join(" AND ") };
-        let asked = if self.has_table("requests")? { REQUESTED_AIR_RUN_SQL } else { "FALSE" };
         let sql = format!(
             "SELECT cycles.id, started_unix_s, ended_unix_s, panel, verdict, reasons, serial, work_order, operator,
-                    {MOVED_IN_AIR_SQL} OR {asked}
+                    {MOVED_IN_AIR_SQL} OR {REQUESTED_AIR_RUN_SQL}
              FROM cycles LEFT JOIN cycle_parts ON cycle_id = cycles.id
              WHERE {condition} ORDER BY cycles.id DESC LIMIT ?"
         );
@@ -123,9 +121,8 @@ impl Store {
     /// # Errors
     /// If the cycles cannot be read.
     pub fn verdict_counts(&self) -> Result<Vec<(Verdict, u32)>, StoreError> {
-        let asked = if self.has_table("requests")? { REQUESTED_AIR_RUN_SQL } else { "FALSE" };
         let sql = format!(
-            "SELECT verdict, count(*) FROM cycles WHERE verdict IS NOT NULL AND NOT ({MOVED_IN_AIR_SQL} OR {asked})
+            "SELECT verdict, count(*) FROM cycles WHERE verdict IS NOT NULL AND NOT ({MOVED_IN_AIR_SQL} OR {REQUESTED_AIR_RUN_SQL})
              AND coalesce(reasons ->> '$[0].code', '') <> '{NO_PART}'
              GROUP BY verdict ORDER BY verdict"
         );
@@ -159,12 +156,7 @@ fn columns(row: &Row<'_>) -> Result<(Hit, [Option<String>; 2]), rusqlite::Error>
     Ok((hit, [row.get(4)?, row.get(5)?]))
 }
 
-/// The table of parts as a temporary table, for a store that is open for reading and was written by an earlier version
-/// of this program. It is removed when the store is closed.
-const TEMPORARY_TABLE_SQL: &str =
-    "CREATE TEMP TABLE cycle_parts (cycle_id INTEGER PRIMARY KEY, serial TEXT, work_order TEXT, operator TEXT)";
-
-/// Returns the names of the part from the texts of a new cycle.
+/// Returns the part's names from the texts of a new cycle.
 pub(super) fn parse_part(file_texts: &[(String, String)]) -> Option<PartNames> {
     let (_, text) = file_texts.iter().find(|(name, _)| name == PartNames::FILE)?;
     PartNames::read(text)
@@ -172,27 +164,8 @@ pub(super) fn parse_part(file_texts: &[(String, String)]) -> Option<PartNames> {
 
 /// Inserts the names of a cycle's part, in the present transaction.
 pub(super) fn insert_part(connection: &Connection, cycle: i64, part: &PartNames) -> Result<(), TransactionFailure> {
-    Ok(write_part(connection, cycle, part)?)
-}
-
-fn write_part(connection: &Connection, cycle: i64, part: &PartNames) -> Result<(), rusqlite::Error> {
-    connection
-        .prepare_cached("INSERT INTO cycle_parts (cycle_id, serial, work_order, operator) VALUES (?1, ?2, ?3, ?4)")?
-        .execute(params![cycle, part.serial, part.order, part.operator])
-        .map(drop)
-}
-
-/// Writes the names of the part of every cycle that has no row yet, in the present transaction. A missing or damaged
-/// text gives no names.
-pub(super) fn fill_missing_parts(connection: &Connection, blobs: &Blobs) -> Result<(), rusqlite::Error> {
-    let there = part_rows(connection)?;
-    for (cycle, hash) in cycles_with_part(connection)? {
-        if !there.contains_key(&cycle)
-            && let Some(part) = part_text(blobs, &hash)
-        {
-            write_part(connection, cycle, &part)?;
-        }
-    }
+    let sql = "INSERT INTO cycle_parts (cycle_id, serial, work_order, operator) VALUES (?1, ?2, ?3, ?4)";
+    connection.prepare_cached(sql)?.execute(params![cycle, part.serial, part.order, part.operator])?;
     Ok(())
 }
 
@@ -244,24 +217,11 @@ impl Store {
     /// # Errors
     /// If the names cannot be read.
     pub fn cycle_part(&self, cycle: panelprep_cell::record::CycleId) -> Result<Option<PartNames>, StoreError> {
-        self.ensure_parts_table()?;
         let sql = "SELECT serial, work_order, operator FROM cycle_parts WHERE cycle_id = ?1";
         let part = |row: &rusqlite::Row<'_>| {
             Ok(PartNames { serial: row.get(0)?, order: row.get(1)?, operator: row.get(2)? })
         };
         let read = || self.connection.prepare_cached(sql)?.query_row([cycle.0], part).optional();
         read().map_err(|error| self.database_error("read the parts of", &error))
-    }
-
-    /// Makes sure that there is a table of parts to read, also if an earlier version of this program wrote the store.
-    pub(super) fn ensure_parts_table(&self) -> Result<(), StoreError> {
-        let made = || -> Result<(), rusqlite::Error> {
-            if !self.connection.table_exists(None, "cycle_parts")? {
-                self.connection.execute_batch(TEMPORARY_TABLE_SQL)?;
-                fill_missing_parts(&self.connection, &self.blobs)?;
-            }
-            Ok(())
-        };
-        made().map_err(|error| self.database_error("read the parts of", &error))
     }
 }

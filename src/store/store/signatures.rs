@@ -233,7 +233,7 @@ impl Store {
         Ok(is_written.then_some(row))
     }
 
-    /// Returns all signatures of the cell, in order; empty for a store of an earlier program version.
+    /// Returns all signatures of the cell, in order.
     ///
     /// # Errors
     /// If the signatures cannot be read.
@@ -299,9 +299,6 @@ impl Store {
 
     fn find_signatures(&self, condition: &str, value: Option<i64>) -> Result<Vec<SignatureRow>, StoreError> {
         let failed = |error: rusqlite::Error| self.database_error("read the signatures of", &error);
-        if !self.has_table("signatures")? {
-            return Ok(Vec::new());
-        }
         let sql = format!("SELECT {COLUMNS} FROM signatures WHERE {condition} ORDER BY id");
         let mut statement = self.connection.prepare(&sql).map_err(failed)?;
         let rows = statement.query_map([value], SignatureRow::from_row).map_err(failed)?;

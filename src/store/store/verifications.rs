@@ -12,6 +12,7 @@ use rusqlite::{Connection, OpenFlags, params};
 use std::collections::BTreeMap;
 use std::path::Path;
 
+/// A strike-out names its verification; a verification can be struck out only once.
 pub(super) const TABLES: &str = "
     CREATE TABLE verifications (
         id INTEGER PRIMARY KEY,
@@ -22,10 +23,6 @@ pub(super) const TABLES: &str = "
         at_unix_s INTEGER NOT NULL
     ) STRICT;
     CREATE INDEX verifications_by_subject ON verifications (subject);
-";
-
-/// The key is that of the verification, so that a verification can be struck out only once.
-pub(super) const STRIKE_TABLES: &str = "
     CREATE TABLE verification_strikes (
         verification_id INTEGER PRIMARY KEY REFERENCES verifications (id),
         by TEXT NOT NULL,
@@ -141,7 +138,7 @@ impl Store {
     /// Returns all verifications of a device, in the order in which they were stored.
     ///
     /// # Errors
-    /// If the verifications cannot be read, or the table is missing because an earlier program version wrote the store.
+    /// If they cannot be read.
     pub fn verifications(&self, subject: &str) -> Result<Vec<Verification>, StoreError> {
         let all = self.verification_history()?.into_iter();
         Ok(all.map(|(_, verification)| verification).filter(|it| it.subject == subject).collect())
@@ -175,12 +172,9 @@ impl Store {
         rows.map_err(failed)?.collect::<Result<_, _>>().map_err(failed)
     }
 
-    /// Returns the strike-outs by the number of their verification; empty for a store of an earlier program version.
+    /// Returns the strike-outs by the number of their verification.
     fn strikes_by_verification(&self) -> Result<BTreeMap<i64, Strike>, StoreError> {
         let failed = |error: rusqlite::Error| self.database_error("read strikes from", &error);
-        if !self.connection.table_exists(None, "verification_strikes").map_err(failed)? {
-            return Ok(BTreeMap::new());
-        }
         let mut statement = self
             .connection
             .prepare("SELECT verification_id, by, why, at_unix_s FROM verification_strikes")

@@ -88,10 +88,6 @@ impl Store {
             }
             Err(error) => return Err(error),
         };
-        let found = schema::version(&store.connection, &path)?;
-        if found < schema::SCHEMA {
-            return Err(StoreError::Older { path: folder.to_owned(), found, known: schema::SCHEMA });
-        }
         let begin = || -> Result<ChainPosition, rusqlite::Error> {
             store.connection.execute_batch("BEGIN")?;
             chain::last_link(&store.connection)

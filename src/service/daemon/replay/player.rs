@@ -1,23 +1,15 @@
 //! Ports without a cell: each call of the loop is answered with recorded data.
 //!
-//! The order of the loop's calls follows from the data that the loop receives. Therefore the next entry of the
-//! recording is either the next call of the loop or the next data for it: the loop receives a report only if the next
-//! entry is a report, and otherwise nothing. If the loop makes the same call with other content, this is a difference,
-//! and the replay continues with the recorded data. If the loop makes another call, or none, the replay has diverged
-//! from the recording and ends.
-//!
-//! Earlier versions of the program stored name, value, unit and limit of each measured value of a finding in another
-//! order, and did not store all values on which a check decides. Therefore a finding of this version is converted to
-//! the form of such a recording before both are compared: of each measured value, only the fields that the recording
-//! has, in the order of the recording. Everything that a recording contains is compared.
+//! The order of the loop's calls follows from the data that the loop receives. So the recording's next entry is the
+//! next call of the loop, or the next data for it: the loop receives a report only if the next entry is a report, and
+//! otherwise nothing. If the loop makes the same call with other content, this is a difference, and the replay
+//! continues with the recorded data. If the loop makes another call, or none, the replay has diverged from the
+//! recording and ends there.
 
 use super::form::{Recordable, RecordedAnswer, film_role, without_measured_times};
 use crate::daemon::ports::Port;
-use panelprep_base::verdict::CHECK_FIELDS_ADDED_LATER;
-use panelprep_cell::record::name;
 use panelprep_kuka::eki::Time;
 use panelprep_store::tape::{Entry, TapeError, Topic};
-use panelprep_vision::inspect::name as film;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::collections::VecDeque;
@@ -216,10 +208,7 @@ impl Playback<'_> {
         }
         let entry = self.pop_entry(cameras)?;
         let (recorded, now) = match topic {
-            Topic::Finding => {
-                let now = convert_to_recorded_form(&entry.action, said.clone());
-                (without_measured_times(entry.action.clone()), without_measured_times(now))
-            }
+            Topic::Finding => (without_measured_times(entry.action.clone()), without_measured_times(said.clone())),
             _ => (entry.action.clone(), said.clone()),
         };
         let at_s = self.time_s();
@@ -329,47 +318,6 @@ fn shorten_value(value: &Value) -> String {
     format!("{cut}…")
 }
 
-/// Prefixes of the names of measured values that earlier versions of this program did not store. They were added when
-/// all values on which a check decides became part of its finding.
-const NAMES_SINCE_CHECKS: [&str; 12] = [
-    panelprep_vision::locate::refine::FARTHEST_CORNER,
-    film::DRY_PICTURE,
-    film::FILM_CHANGE,
-    film::FIRST_SHARPNESS,
-    film::WET_GRIDS,
-    film::LOW_CONTRAST_GRIDS,
-    film::UNSEEN_GRIDS,
-    film::MASKED_GRIDS,
-    panelprep_toolpath::path::TOOL_ERROR,
-    panelprep_toolpath::path::GRID_CHECK_PREFIX,
-    name::WORN_BY_A_GRID,
-    name::BEGUN_GRIDS_NAME,
-];
-
-/// Converts a finding of this program to the form of the recorded finding.
-fn convert_to_recorded_form(recorded: &Value, mut now: Value) -> Value {
-    let empty = Vec::new();
-    let kept = recorded["numbers"].as_array().unwrap_or(&empty);
-    let is_of_today =
-        kept.iter().any(|number| CHECK_FIELDS_ADDED_LATER.iter().any(|key| number.get(key).is_some()));
-    let Some(found) = now["numbers"].as_array_mut().filter(|_| !is_of_today) else { return now };
-    for number in found.iter_mut().filter_map(Value::as_object_mut) {
-        for key in CHECK_FIELDS_ADDED_LATER {
-            number.remove(key);
-        }
-    }
-    // Removes the values that an earlier version of this program did not report.
-    found.retain(|number| {
-        let is_new =
-            number["name"].as_str().is_some_and(|name| NAMES_SINCE_CHECKS.iter().any(|new| name.starts_with(new)));
-        !is_new || kept.iter().any(|other| other["name"] == number["name"])
-    });
-    let place = |number: &Value| kept.iter().position(|other| other["name"] == number["name"]);
-    // The sort is stable: values that are not in the recording come last, and are a difference.
-    found.sort_by_key(|number| place(number).unwrap_or(usize::MAX));
-    now
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -391,51 +339,30 @@ mod tests {
         Check::new("shift", "mm", 12.5)
     }
 
-    /// Returns the measured values as an earlier version of this program wrote them: in another order, and with only
-    /// four fields for each value.
-    fn earlier() -> Value {
-        let mut recorded = found([]);
-        recorded["numbers"] = json!([
-            {"name": "shift", "value": 12.5, "unit": "mm", "limit": "unlimited"},
-            {"name": "residual", "value": 0.1, "unit": "mm", "limit": {"at_most": 0.25}},
-        ]);
-        recorded
-    }
-
     fn differing(recorded: &Value, now: Value) -> Vec<String> {
-        let now = convert_to_recorded_form(recorded, now);
         differences(recorded, &now).into_iter().map(|(place, ..)| place).collect()
     }
 
     #[test]
-    fn equal_findings_are_equal_in_an_earlier_form() {
-        let dry = Check::new(NAMES_SINCE_CHECKS[0], "", 1.0);
-        assert_eq!(differing(&earlier(), found([rms(0.1, 0.25), dry, shift()])), Vec::<String>::new());
-    }
-
-    #[test]
-    fn another_number_limit_or_verdict_is_a_difference_in_an_earlier_form() {
-        assert_eq!(differing(&earlier(), found([rms(0.11, 0.25), shift()])), ["numbers.residual.value"]);
-        assert_eq!(differing(&earlier(), found([rms(0.1, 0.26), shift()])), ["numbers.residual.limit.at_most"]);
-        let unlimited = Check::new("residual", "mm", 0.1);
-        assert_eq!(differing(&earlier(), found([unlimited, shift()])), ["numbers.residual.limit"]);
+    fn another_number_limit_or_verdict_is_a_difference() {
+        let recorded = found([rms(0.1, 0.25), shift()]);
+        assert_eq!(differing(&recorded, found([rms(0.11, 0.25), shift()])), ["numbers.residual.value"]);
+        assert_eq!(differing(&recorded, found([rms(0.1, 0.26), shift()])), ["numbers.residual.limit.at_most"]);
         let mut rejected = found([rms(0.1, 0.25), shift()]);
         rejected["judgement"]["verdict"] = json!("reject");
-        assert_eq!(differing(&earlier(), rejected), ["judgement.verdict"]);
-        assert_eq!(differing(&earlier(), found([rms(0.1, 0.25)])), ["numbers"], "one is missing");
-        let more = Check::new("another", "mm", 1.0);
-        assert_eq!(differing(&earlier(), found([rms(0.1, 0.25), shift(), more])), ["numbers"], "one is added");
+        assert_eq!(differing(&recorded, rejected), ["judgement.verdict"]);
+        assert_eq!(differing(&recorded, found([rms(0.1, 0.25)])), ["numbers"], "one is missing");
     }
 
-    /// A recording of this version of the program is compared completely, including order and codes.
+    /// Findings are compared completely, including order and codes.
     #[test]
-    fn a_recording_of_this_version_is_compared_completely() {
+    fn findings_are_compared_completely() {
         let recorded = found([rms(0.1, 0.25), shift()]);
         assert_eq!(differing(&recorded, found([rms(0.1, 0.25), shift()])), Vec::<String>::new());
         let other_code = rms(0.1, 0.25).or_review("poor_fit", String::new);
         assert_eq!(differing(&recorded, found([other_code, shift()])), ["numbers.residual.severity"]);
-        let dry = Check::new(NAMES_SINCE_CHECKS[0], "", 1.0);
-        assert_eq!(differing(&recorded, found([rms(0.1, 0.25), shift(), dry])), ["numbers"]);
+        let more = Check::new("another", "mm", 1.0);
+        assert_eq!(differing(&recorded, found([rms(0.1, 0.25), shift(), more])), ["numbers"], "one is added");
         assert_ne!(differing(&recorded, found([shift(), rms(0.1, 0.25)])), Vec::<String>::new(), "another order");
     }
 }

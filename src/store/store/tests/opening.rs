@@ -1,11 +1,12 @@
-//! Opening: for reading, for writing, with a store of an earlier version of this program, and with a damaged store.
+//! Opening: for reading, for writing, and with a damaged store.
 //!
 //! After a crash, a copy or a lost file, missing data are reported, and nothing is reported if no data are missing.
 //! Copies are made during writing, of a store that was changed, and before the tables of an earlier version of this
 //! program are updated.
 
+use super::super::copy::keep_earlier_version;
 use super::super::database::Step;
-use super::super::head;
+use super::super::{head, schema};
 use super::evidence::{filled_store, store_in, verify};
 use super::journal::progress;
 use super::*;
@@ -13,56 +14,6 @@ use panelprep_base::verdict::Verdict;
 use panelprep_cell::cycle::{At, Cause, Event, Motion, Path as MotionPath, Report, Request};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-
-/// The tables of the first schema; they must not be changed here.
-const SCHEMA_1: &str = "
-    CREATE TABLE taught_panels (
-        id INTEGER PRIMARY KEY, name TEXT NOT NULL, version TEXT NOT NULL, taught_at_unix_s INTEGER NOT NULL,
-        scan_hash TEXT NOT NULL, recipe_text TEXT NOT NULL, scanner_calibration_text TEXT NOT NULL,
-        base_from_camera_text TEXT NOT NULL, flange_camera_text TEXT NOT NULL, flange_from_camera_text TEXT NOT NULL
-    ) STRICT;
-    CREATE INDEX taught_panels_by_name ON taught_panels (name);
-    CREATE TABLE taught_corners (
-        panel_id INTEGER NOT NULL REFERENCES taught_panels (id), position INTEGER NOT NULL,
-        picture_hash TEXT NOT NULL, base_from_flange TEXT NOT NULL, PRIMARY KEY (panel_id, position)
-    ) STRICT;
-    PRAGMA user_version = 1;
-";
-
-/// Converts the store in this folder to the state of the first version of this program.
-pub fn convert_to_the_first_schema(path: &std::path::Path) {
-    let old = path.join("old.sqlite");
-    let connection = Connection::open(&old).expect("made");
-    connection.execute_batch(SCHEMA_1).expect("the first schema");
-    connection.execute("ATTACH ?1 AS new", [path.join(DATABASE).to_str()]).expect("attached");
-    for table in ["taught_panels", "taught_corners"] {
-        connection.execute(&format!("INSERT INTO {table} SELECT * FROM new.{table}"), []).expect("copied");
-    }
-    drop(connection);
-    fs::rename(&old, path.join(DATABASE)).expect("in its place");
-}
-
-#[test]
-fn a_store_of_the_first_schema_keeps_its_panels_and_gets_the_new_tables() {
-    let (folder, mut store) = new_store();
-    let version = store.teach(&teaching("wing")).expect("taught");
-    drop(store);
-    let path = folder.path().join("store");
-    convert_to_the_first_schema(&path);
-
-    // Reading changes nothing; opening for writing updates the tables.
-    let reader = Store::open(&path).expect("the earlier store");
-    assert_eq!(reader.taught("wing", None).expect("there").teaching, teaching("wing"));
-    assert!(reader.journal().is_err(), "no journal yet");
-    drop(reader);
-    let store = Store::create(&path).expect("the same store");
-    assert_eq!(store.taught("wing", Some(&version)).expect("there").teaching, teaching("wing"));
-    // The head of the newer store contradicts the older tables: the journal states that the store was changed.
-    assert_eq!(store.journal().expect("a journal"), [Event::Reported(Report::StoreChanged)]);
-    let found: i64 =
-        store.connection.pragma_query_value(None, "user_version", |row| row.get(0)).expect("a version");
-    assert_eq!(found, 9);
-}
 
 #[test]
 fn one_process_writes_and_others_read() {
@@ -361,79 +312,58 @@ fn a_store_that_was_changed_is_reported_and_not_copied() {
     assert!(copied.deviations.iter().any(|words| words.contains("changed: journal line 3")), "{copied:?}");
 }
 
-/// The database of an earlier version of this program is copied beside the store before it is changed. The copy is
-/// made once and opens unchanged.
+/// Before an update, the database and its head are copied beside the store. The copy is made once and opens as the
+/// store did; a different database of the same schema gets a copy with another name.
 #[test]
-fn an_earlier_database_is_copied_before_its_tables_are_changed() {
+fn an_earlier_database_is_copied_once() {
     let (folder, mut store) = new_store();
     let path = folder.path().join("store");
-    store.teach(&teaching("wing")).expect("taught");
-    drop(store);
-    convert_to_the_first_schema(&path);
-    fs::remove_file(path.join("panelprep.head")).expect("the first program wrote none");
-    let refused = Store::copy_rows(&path, &folder.path().join("copy")).expect_err("an earlier one").to_string();
-    assert!(refused.contains("has schema 1, this program needs schema 9. Start the service once"), "{refused}");
-
-    let rows = |file: &str| -> (i64, i64) {
-        let connection = Connection::open(path.join(file)).expect("opens");
-        let version = connection.pragma_query_value(None, "user_version", |row| row.get(0)).expect("a version");
-        let panels = connection.query_row("SELECT count(*) FROM taught_panels", [], |row| row.get(0));
-        (version, panels.expect("its table"))
-    };
-    let kept = || {
+    let version = store.teach(&teaching("wing")).expect("taught");
+    let copy = |store: &Store| keep_earlier_version(&store.connection, &path, 1).expect("copied");
+    let names = || {
         let names = fs::read_dir(&path).expect("listed").map(|file| file.expect("a file").file_name());
         let mut names: Vec<String> = names.filter_map(|name| name.into_string().ok()).collect();
         names.retain(|name| name.contains("schema"));
         names.sort();
         names
     };
-    let earlier = fs::read(path.join(DATABASE)).expect("read");
-    drop(Store::create(&path).expect("brought up to date"));
-    assert_eq!(kept(), ["panelprep.schema-1.sqlite"]);
-    assert_eq!((rows("panelprep.schema-1.sqlite"), rows(DATABASE)), ((1, 1), (9, 1)));
-    drop(Store::create(&path).expect("once is enough"));
-    assert_eq!(kept().len(), 1);
+    let kept = copy(&store);
+    assert_eq!(kept, path.join("panelprep.schema-1.sqlite"));
+    assert_eq!(copy(&store), kept, "once is enough");
+    assert_eq!(names(), ["panelprep.schema-1.head", "panelprep.schema-1.sqlite"]);
 
-    // The old database is restored and updated again: an equal copy is not stored again, and a different copy is stored
-    // beside it.
-    let put_back = |bytes: &[u8]| {
-        fs::write(path.join(DATABASE), bytes).expect("put back");
-        fs::remove_file(path.join("panelprep.head")).expect("with its head");
-    };
-    put_back(&earlier);
-    drop(Store::create(&path).expect("brought up to date"));
-    assert_eq!(kept().len(), 1);
-    put_back(&fs::read(path.join("panelprep.schema-1.sqlite")).expect("read"));
-    let connection = Connection::open(path.join(DATABASE)).expect("opens");
-    connection.execute("UPDATE taught_panels SET taught_at_unix_s = 7", []).expect("changed");
-    drop(connection);
-    drop(Store::create(&path).expect("brought up to date"));
-    assert_eq!(kept(), ["panelprep.schema-1-2.sqlite", "panelprep.schema-1.sqlite"]);
+    let former = folder.path().join("former");
+    fs::create_dir_all(former.join("blobs")).expect("made");
+    fs::copy(&kept, former.join(DATABASE)).expect("put back");
+    fs::copy(path.join("panelprep.schema-1.head"), former.join(head::FILE)).expect("put back");
+    let restored = Store::create(&former).expect("opens");
+    assert_eq!(restored.changed(), [] as [String; 0]);
+    assert_eq!(restored.taught("wing", None).expect("there").version, version);
+
+    store.append(&progress(1), None).expect("written");
+    assert_eq!(copy(&store), path.join("panelprep.schema-1-2.sqlite"));
+    assert_eq!(names().len(), 4, "{:?}", names());
 }
 
-/// Without space for the copy nothing is changed.
+/// Without space for the copy, the update is refused before anything is changed.
 #[test]
-fn without_space_for_the_copy_the_tables_are_not_changed() {
+fn without_space_for_the_copy_there_is_no_copy() {
     let Some(disk) = super::full::SmallDisk::mount(40) else { return };
-    let (folder, mut store) = new_store();
-    store.teach(&teaching("wing")).expect("taught");
-    drop(store);
-    convert_to_the_first_schema(&folder.path().join("store"));
-    // The database is larger than the free space beside it.
-    let database = folder.path().join("store").join(DATABASE);
-    let connection = Connection::open(&database).expect("opens");
-    connection
-        .execute("UPDATE taught_panels SET recipe_text = recipe_text || hex(zeroblob(12000000))", [])
-        .expect("grown");
-    drop(connection);
+    let (_folder, store) = new_store();
+    // The database is larger than the free space.
+    store.connection.execute_batch("CREATE TABLE large (bytes BLOB)").expect("made");
+    store.connection.execute("INSERT INTO large VALUES (zeroblob(50000000))", []).expect("grown");
     let path = disk.folder().join("store");
     fs::create_dir(&path).expect("made");
-    fs::copy(&database, path.join(DATABASE)).expect("copied");
-    let before = fs::read(path.join(DATABASE)).expect("read");
-    let refused = Store::create(&path).expect_err("no room").to_string();
+    let refused = keep_earlier_version(&store.connection, &path, 1).expect_err("no room").to_string();
     assert!(refused.contains("full"), "{refused}");
-    assert!(fs::read(path.join(DATABASE)).expect("read") == before, "nothing was changed");
-    let names: Vec<_> =
-        fs::read_dir(&path).expect("listed").map(|file| file.expect("a file").file_name()).collect();
-    assert!(!names.iter().any(|name| name.to_string_lossy().contains("schema")), "{names:?}");
+    assert_eq!(fs::read_dir(&path).expect("listed").count(), 0);
+}
+
+/// Only a start of the service updates the tables.
+#[test]
+fn a_store_of_an_earlier_schema_is_refused_for_reading() {
+    assert!(schema::require_current(schema::SCHEMA, "store".as_ref()).is_ok());
+    let refused = schema::require_current(0, "store".as_ref()).expect_err("earlier").to_string();
+    assert!(refused.contains("has schema 0, this program needs schema 1. Start the service once"), "{refused}");
 }

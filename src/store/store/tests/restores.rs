@@ -174,7 +174,7 @@ fn another_part_is_sufficient_only_without_a_serial_number() {
     for serial in ["SN1", "SN2"] {
         assert_eq!(refused(&mut store, &start_of(serial, true)).serial, serial);
     }
-    // This statement is not sufficient either if an earlier program version accepted it in a start request.
+    // The statement at the start of an air-run, which is never refused, is not sufficient either.
     let air_run = CycleStart { is_air_run: true, ..start_of("SN2", true) };
     store.begin_cycle(&air_run).expect("an air-run");
     refused(&mut store, &start_of("SN2", false));

@@ -1,5 +1,4 @@
-//! Tests that a search finds exactly the cycles that match its criteria, also by the names of parts in stores of
-//! earlier program versions.
+//! A search finds exactly the cycles that match it.
 
 use super::*;
 use crate::history::{Acknowledgement, Hits, Query, RequiredEnd};
@@ -106,38 +105,7 @@ fn pages_follow_each_other_while_cycles_begin() {
     assert_eq!(seen, [4, 3, 2, 1]);
 }
 
-/// SQL that changes a store without findings to the tables of schema 7; with findings, the chain would name missing
-/// times.
-pub const SCHEMA_7: &str = "DROP TABLE cycle_parts; DROP TABLE finding_times; DROP TABLE acknowledgements; DROP TABLE accounts; \
-                        DROP TABLE audit; DROP TABLE signatures; DROP TABLE outbox; DROP TABLE outbox_epochs; PRAGMA user_version = 7";
-
-#[test]
-fn the_parts_in_a_store_of_an_earlier_version_are_found() {
-    let (folder, store) = four();
-    drop(store);
-    let path = folder.path().join("store");
-    Connection::open(path.join(DATABASE)).expect("opened").execute_batch(SCHEMA_7).expect("as it was");
-    super::outbox::chain_without_outbox(&path);
-    let serial = || Query { serial: Some("SN-1".to_owned()), ..Query::default() };
-    let reader = Store::open(&path).expect("for reading");
-    assert_eq!(found(&reader, serial()), [2, 1]);
-    assert_eq!(reader.finding_times_unix_ms(CycleId(1)).expect("none"), []);
-    assert_eq!(reader.acknowledgements(None).expect("none"), []);
-    drop(reader);
-    let version = |path: &Path| -> i64 {
-        let connection = Connection::open(path.join(DATABASE)).expect("opened");
-        connection.pragma_query_value(None, "user_version", |row| row.get(0)).expect("a version")
-    };
-    assert_eq!(version(&path), 7, "reading changed nothing");
-    let store = Store::create(&path).expect("raised");
-    assert_eq!(store.changed(), [] as [String; 0]);
-    assert_eq!(found(&store, serial()), [2, 1]);
-    drop(store);
-    assert_eq!(version(&path), 9);
-    assert_eq!(Store::verify(&path, true).expect("verified").differences, [] as [String; 0]);
-}
-
-/// The table is an index: a change of a row is detected by comparing it with the original text.
+/// The table is an index: a change in it is detected by comparison with the authoritative text.
 #[test]
 fn a_changed_part_is_named() {
     for (sql, words) in [
@@ -163,13 +131,13 @@ fn the_time_of_a_finding_is_stored_and_in_the_chain() {
     store.store_finding(id, &Finding::new(Kind::Locate, 0, judgement.clone())).expect("kept");
     store.clock = || std::time::UNIX_EPOCH + std::time::Duration::from_millis(3_100_500);
     store.store_finding(id, &Finding::new(Kind::Inspect, 0, judgement)).expect("kept");
-    assert_eq!(store.finding_times_unix_ms(id).expect("read"), [Some(3_000_250), Some(3_100_500)]);
+    assert_eq!(store.finding_times_unix_ms(id).expect("read"), [3_000_250, 3_100_500]);
     drop(store);
     let path = folder.path().join("store");
-    let change = "UPDATE finding_times SET unix_ms = 1 WHERE finding_id = 2";
+    let change = "UPDATE findings SET unix_ms = 1 WHERE id = 2";
     Connection::open(path.join(DATABASE)).expect("opened").execute_batch(change).expect("changed");
     let found = Store::verify(&path, false).expect("verified").differences;
-    assert!(found.iter().any(|words| words.contains("changed: time of finding 2")), "{found:?}");
+    assert!(found.iter().any(|words| words.contains("changed: finding 2")), "{found:?}");
 }
 
 #[test]

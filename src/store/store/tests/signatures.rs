@@ -1,6 +1,6 @@
 //! Tests that a signature is complete or does not exist, and that it contradicts later changes.
 
-use super::super::{chain, head};
+use super::super::head;
 use super::journal::until_killed;
 use super::*;
 use crate::signing::{CellKey, Meaning, StatedValues};
@@ -182,7 +182,7 @@ fn rows_changed_with_their_chain_contradict_the_signed_records() {
     let sql =
         "UPDATE findings SET finding = replace(finding, 'review', 'accept') WHERE cycle_id = 2; DELETE FROM chain";
     connection.execute_batch(sql).expect("changed");
-    let last = chain::adopt_rows(&connection).expect("written anew");
+    let last = chain_all_rows(&connection);
     connection.close().expect("closed");
     head::HeadFile::open(&path).and_then(|head| head.close(last, None)).expect("written anew");
     let told = found(&path);
@@ -278,28 +278,6 @@ fn a_cycle_is_concluded_by_its_worst_finding() {
     let codes: Vec<&str> = judgement.reasons.iter().map(|reason| &*reason.code).collect();
     assert_eq!((judgement.verdict, codes), (Verdict::Reject, vec!["removal_too_deep", "feedback"]));
     assert_eq!(store.cycle(id).expect("read").judgement, Some(judgement));
-}
-
-/// A store of schema 7 has no table of signatures.
-#[test]
-fn cycles_of_an_earlier_version_are_signed_after_the_update() {
-    let (folder, mut store) = new_store();
-    store.recover().expect("recovers");
-    let id = store.begin_cycle(&super::cycles::start()).expect("begun");
-    store.conclude(id, Verdict::Fail, &[]).expect("over");
-    drop(store);
-    let path = folder.path().join("store");
-    let connection = Connection::open(path.join(DATABASE)).expect("opens");
-    connection.execute_batch(super::search::SCHEMA_7).expect("as it was");
-    super::outbox::chain_without_outbox(&path);
-    drop(connection);
-    assert_eq!(Store::open(&path).expect("opens").signatures().expect("none"), []);
-    let refused = Store::sign_missing(&path, &key(), &|_, _| panic!("no table")).expect_err("an earlier one");
-    assert!(refused.to_string().contains("has schema 7, this program needs schema 9"), "{refused}");
-    drop(Store::create(&path).expect("brought up to date"));
-    Store::sign_missing(&path, &key(), &|_, row| assert!(row.is_ok())).expect("signed");
-    assert_eq!(Store::open(&path).expect("opens").signatures().expect("read").len(), 1);
-    assert_eq!(found(&path), [] as [String; 0]);
 }
 
 #[test]
