@@ -1,8 +1,8 @@
 //! The goal of each state, and the transition after the answer to an action.
 
 use super::interlocks::{
-    CLEARING_CONDITIONS, COMPLETING_CONDITIONS, LEAVE_CONDITIONS, LEAVE_MOTION_CONDITIONS, LEAVE_TOOL_CONDITIONS,
-    RESETTING_CONDITIONS, Row, Rule, STARTING_CONDITIONS, UNHOLDING_CONDITIONS, UNHOLDING_LOCATED_CONDITIONS,
+    CLEARING, COMPLETING, LEAVE_NEEDS, LEAVING_MOTION, LEAVING_TOOL, Need, RESETTING, STARTING, UNHOLDING,
+    UNHOLDING_LOCATED,
 };
 use super::turn::{Goal, TransitionStep};
 use super::{
@@ -51,9 +51,9 @@ impl TransitionStep {
         }
     }
 
-    /// Returns the conditions that a hold or a stop must satisfy now. The water is switched off in any case, because it
-    /// may run during a motion, contrary to the interlocks.
-    fn needs_on_leave(&self) -> &'static [Row] {
+    /// Returns the needs that a hold or a stop must satisfy now. Water may be commanded to run while the arm moves,
+    /// contrary to what was proven.
+    fn needs_on_leave(&self) -> &'static [Need] {
         let is_moving = self.state.intent.is_some() && self.state.facts.epoch != Epoch::Closed;
         match (is_moving, self.state.facts.epoch, self.state.facts.tool) {
             // The end of the epoch makes the controller brake the arm and switch tool and water off, which is faster
@@ -102,12 +102,12 @@ impl TransitionStep {
             (Action::Film, R::Filmed(film)) => self.on_film(film),
             (Action::Plan { .. }, R::Planned { plan, waypoints }) => {
                 (self.state.job.plan, self.state.job.waypoints) = (plan, waypoints);
-                let verify = if self.rules.is_active(Rule::VerifyFirst) { Phase::Verify } else { Phase::Abrade };
                 self.state.at = match (waypoints, self.is_air()) {
                     // The purpose of an air-run is to show the path. Without a path, it is rejected.
                     (0, true) => At::Completing { verdict: Verdict::Reject },
                     (0, false) => At::Execute(Phase::Rinse),
-                    _ => At::Execute(verify),
+                    // Immediately before each contact the corners are verified.
+                    _ => At::Execute(Phase::Verify),
                 };
             }
             (Action::Plan { .. }, R::PlannedForReview { plan, waypoints }) => {
@@ -150,18 +150,18 @@ impl TransitionStep {
 
     /// Returns whether this corner pose is the last one.
     fn is_last_corner(&self, view: u8) -> bool {
-        view >= self.state.job.max_moves && self.rules.is_active(Rule::MoveLimit)
+        view >= self.state.job.max_moves
     }
 
     pub fn is_air(&self) -> bool {
-        self.state.job.air && self.rules.is_active(Rule::AirRun)
+        self.state.job.air
     }
 
     /// Handles the robot's standstill at the end of a motion, or before its end.
     fn on_standstill(&mut self, motion: Motion, done: u32) {
-        if done != motion.waypoints && self.rules.is_active(Rule::WholePath) {
-            // Standstill does not prove that the path is complete. If it ended early, areas without sanding would be
-            // recorded as sanded.
+        if done != motion.waypoints {
+            // Standstill alone is not a completion: a path that ended early leaves places unsanded, which would count
+            // as treated.
             return self.leave_for_trouble(Trouble::Short);
         }
         self.close_intent(Outcome::Done, done);
@@ -175,7 +175,8 @@ impl TransitionStep {
                 self.state.at = At::Completing { verdict: Verdict::Pass };
             }
             (At::Execute(Phase::Retract), Path::Retract) => {
-                self.state.at = At::Execute(self.phase_after_contact(false, Phase::Rinse));
+                // Before anything else the executed path is graded.
+                self.state.at = At::Execute(Phase::Assess { left: false });
             }
             _ => {}
         }
@@ -224,20 +225,14 @@ impl TransitionStep {
     /// As `on_grade`, but a hold for review resumes in the phase `held` instead of the phase `next`.
     fn on_grade_in_phase(&mut self, grade: Grade, (next, held): (Phase, Phase)) {
         self.state.at = match grade {
-            Grade::Review if self.rules.is_active(Rule::ReviewHolds) => {
-                // The localization may become too old during a review.
+            Grade::Review => {
+                // A review may last arbitrarily long.
                 self.facts().token = None;
                 At::Holding(Hold { why: Why::Review, resume: held })
             }
-            Grade::Reject if self.rules.is_active(Rule::RejectEnds) => At::Completing { verdict: Verdict::Reject },
-            _ => At::Execute(next),
+            Grade::Reject => At::Completing { verdict: Verdict::Reject },
+            Grade::Accept => At::Execute(next),
         };
-    }
-
-    /// Returns the phase after a contact path: the assessment of its result. Only if a test disables this rule, returns
-    /// `otherwise`.
-    fn phase_after_contact(&self, left: bool, otherwise: Phase) -> Phase {
-        if self.rules.is_active(Rule::AssessFirst) { Phase::Assess { left } } else { otherwise }
     }
 
     fn on_assessment(&mut self, grade: Grade) {
@@ -253,9 +248,9 @@ impl TransitionStep {
         if grade == Grade::Accept {
             self.facts().token = Some(self.arm(Deadline::Token));
         }
-        // The reference picture of the dry panel must be captured before the first water.
-        let dry = if self.rules.is_active(Rule::DryPicture) { Phase::Dry } else { self.state.job.after_dry };
-        self.on_grade(grade, if self.is_air() { Phase::Plan } else { dry });
+        // After the first water no place looks dry any more, so the picture with which the film is compared comes
+        // first.
+        self.on_grade(grade, if self.is_air() { Phase::Plan } else { Phase::Dry });
     }
 
     fn on_verification(&mut self, grade: Grade) {
@@ -274,7 +269,7 @@ impl TransitionStep {
 
     /// Determines the state after the rinse: the film, or a hold in which the panel is dried for a new dry picture.
     pub fn after_rinse(&mut self) {
-        if self.state.job.dries && self.rules.is_active(Rule::DryAfterAbrasion) {
+        if self.state.job.dries {
             self.hold(Why::Drying, Phase::Wet);
         } else {
             self.state.at = At::Execute(Phase::Wet);
@@ -282,17 +277,15 @@ impl TransitionStep {
     }
 
     fn on_film(&mut self, film: Film) {
-        let passes_left = self.state.job.pass < self.state.job.max_passes || !self.rules.is_active(Rule::PassLimit);
+        let passes_left = self.state.job.pass < self.state.job.max_passes;
         self.state.at = match film {
             Film::Whole => At::Completing { verdict: Verdict::Pass },
-            Film::Invalid if self.rules.is_active(Rule::InvalidEnds) => {
-                At::Completing { verdict: Verdict::Invalid }
-            }
-            _ if passes_left => {
+            Film::Invalid => At::Completing { verdict: Verdict::Invalid },
+            Film::Broken if passes_left => {
                 self.state.job.pass = self.state.job.pass.saturating_add(1);
                 At::Execute(Phase::Plan)
             }
-            _ => At::Completing { verdict: Verdict::Fail },
+            Film::Broken => At::Completing { verdict: Verdict::Fail },
         };
     }
 
@@ -301,9 +294,7 @@ impl TransitionStep {
     pub fn on_token_expired(&mut self) {
         self.facts().token = None;
         let in_contact = self.state.intent.is_some_and(|intent| intent.motion.path == Path::Contact);
-        if let (At::Execute(phase), true) =
-            (self.state.at, in_contact && self.rules.is_active(Rule::TokenInContact))
-        {
+        if let (At::Execute(phase), true) = (self.state.at, in_contact) {
             self.hold(Why::TokenOver, phase);
         }
     }
@@ -315,10 +306,9 @@ impl TransitionStep {
         self.facts().token = None;
         let in_contact = self.state.intent.is_some_and(|intent| intent.motion.path == Path::Contact);
         let resume = match phase {
-            // A part of the path was sanded. The result is graded for the executed part, and only the rest is planned
-            // again.
-            Phase::Abrade if in_contact => self.phase_after_contact(true, Phase::Plan),
-            // A person may move the panel during a hold, and a refinement needs a localization of the panel first.
+            // A part of the path was sanded: it is graded by what was executed, and only the rest is planned again.
+            Phase::Abrade if in_contact => Phase::Assess { left: true },
+            // During a hold a person may have moved the panel, and a refinement starts from the scan.
             Phase::Locate | Phase::Refine { .. } => Phase::Locate,
             Phase::Dry => Phase::Dry,
             // An interrupted film has partly dried or drained. A film can be evaluated only as a whole, so it is
@@ -327,7 +317,7 @@ impl TransitionStep {
             // The path was planned for a pose of the panel that the next Verify may correct.
             Phase::Plan | Phase::Verify | Phase::Abrade => Phase::Plan,
             Phase::Retract | Phase::Rinse if self.is_air() => Phase::Plan,
-            Phase::Retract => self.phase_after_contact(false, Phase::Rinse),
+            Phase::Retract => Phase::Assess { left: false },
             Phase::Assess { .. } | Phase::Rinse => phase,
         };
         self.state.at = At::Holding(Hold { why, resume });
@@ -335,11 +325,10 @@ impl TransitionStep {
 
     /// Resumes the cycle through Verify or, if the panel was dried, through a new localization.
     pub fn start_unhold(&mut self, hold: Hold, dried: bool) {
-        let undried = hold.why == Why::NotVerified && !self.rules.is_active(Rule::DriedFirst);
-        if hold.is_for_contact() && self.rules.is_active(Rule::ContactStays) {
+        if hold.is_for_contact() {
             self.refuse(Request::Unhold { dried }, Refusal::Review);
-        // Only a dry panel can be scanned: a wet one reflects the projected pattern away, and points are missing.
-        } else if dried || undried {
+        // A dried panel can be scanned again; a wet one reflects the pattern away, so that points are missing.
+        } else if dried {
             match hold.resume {
                 Phase::Wet | Phase::Plan | Phase::Rinse | Phase::Assess { .. } => {
                     self.state.job.after_dry = hold.resume;
@@ -351,7 +340,7 @@ impl TransitionStep {
             self.state.at = At::Unholding { resume: Phase::Locate, verify: false };
         } else if hold.why == Why::Review {
             self.refuse(Request::Unhold { dried }, Refusal::Review);
-        } else if hold.why == Why::Drying && self.rules.is_active(Rule::DryAfterAbrasion) {
+        } else if hold.why == Why::Drying {
             self.refuse(Request::Unhold { dried }, Refusal::Undried);
         } else {
             let verify = !matches!(hold.resume, Phase::Locate | Phase::Refine { .. });

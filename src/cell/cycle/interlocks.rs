@@ -1,179 +1,55 @@
-//! The rules of the state table, and the interlocks. Each rule has a name, so that a test can disable it and check that
-//! the random walks then fail. The interlocks are the conditions of each action, in the order in which they are
-//! established, and the actions that establish them.
+//! The interlocks: the needs of each action, in the order in which they are satisfied, and the actions that satisfy them.
+//! Each need is a row, so that a test can drop it and see that the random walks then fail.
 
 use super::{Action, Epoch, Extraction, Facts, Frames, Lens, Light, Motion, Path, State, Switch, Tool, Water};
 
-/// The rules of the state table. The code names each rule where it applies the rule.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[cfg_attr(test, derive(strum::EnumIter))] // a new rule is taken out in turn, too
-pub(super) enum Rule {
-    // Rules of the interlocks, used in `interlocks::action_needs`.
-    /// The scanner captures only while the arm is out of its view.
-    ArmOutOfView,
-    /// A corner picture is captured only at its corner pose.
-    AtView,
-    /// The light is off for 3D shots and corner pictures.
-    LightOff,
-    /// The light is on and stable for pictures of the film.
-    LightSettled,
-    /// Pictures are captured only with open lens shutters.
-    LensClear,
-    /// Water is switched on only while the lenses are protected.
-    LensGuarded,
-    /// Water is switched on only while the arm is parked.
-    ParkedForWater,
-    /// The water is off during motions and during the observation of the film.
-    WaterOff,
-    /// The tool is off during all motions except contact, and while water runs.
-    ToolOff,
-    /// The tool starts only after the water has been off for the drain time.
-    Drained,
-    /// The tool starts only while the extraction reports flow.
-    Extraction,
-    /// The tool starts at the approach point in the air, where the contact path begins.
-    StartsInAir,
-    /// Contact begins only after the feedback has confirmed that the tool runs.
-    ToolRunning,
-    /// The tool runs and contact takes place only at the override for which contact is planned.
-    FullOverride,
-    /// Approach and contact need a valid localization.
-    Token,
-    /// Linear motions need base and tool frames that the controller has echoed in this epoch.
-    Frames,
-    /// Commands are sent only in an open epoch.
-    Epoch,
-    /// A motion ends only when the robot reports standstill; no state is at rest before.
-    StandsFirst,
-    /// All outputs are off in Idle and Complete.
-    AllOff,
-    /// Idle is reached only after a self-test.
-    SelfTest,
-    // Rules about the reports that the table accepts, used in `step`.
-    /// An answer is accepted only for the action whose id it contains.
-    AnswersMatch,
-    /// A fact is unknown while a change of it is in progress.
-    AskedIsUnknown,
-    /// A request that leads to a motion is refused while the robot is not ready.
-    RobotReady,
-    /// The work ends when the robot is no longer ready.
-    ConditionAborts,
-    /// The state of a switch becomes unknown if its output or feedback contradicts it.
-    ContraryDoubts,
-    /// When the robot is no longer ready, the localization and the facts about arm and outputs become invalid.
-    LossForgets,
-    /// A motion is committed to the store before it begins.
-    IntentFirst,
-    /// Waypoints are executed in order.
-    Sequence,
-    /// A motion is complete only when its last waypoint is executed.
-    WholePath,
-    /// A missing answer to an action is a fault after the time limit.
-    AnswerDeadline,
-    /// A stop that exceeds its time limit is a fault.
-    StopDeadline,
-    /// A fault ends the work.
-    TroubleLeaves,
-    /// An abort sends the abort frame to the robot.
-    AbortIsSent,
-    /// An epoch that the link has ended is treated as not open.
-    LinkEndsEpoch,
-    /// After a start of the program, the state is at rest.
-    BootRests,
-    // Rules about the order of the phases, used in `execute`.
-    /// A rejected result ends the cycle without contact.
-    RejectEnds,
-    /// The cycle is held for a person if a result needs review.
-    ReviewHolds,
-    /// A film without a valid result ends the cycle.
-    InvalidEnds,
-    /// An air-run makes no contact, and plans its path without a film.
-    AirRun,
-    /// A picture of the dry panel is captured before the first water.
-    DryPicture,
-    /// If the recipe compares with a dry picture, a new one is captured after each sanding pass, when the panel is dry
-    /// again.
-    DryAfterAbrasion,
-    /// The pose of the panel is verified immediately before each contact.
-    VerifyFirst,
-    /// After a contact path, its result is graded before anything else is done.
-    AssessFirst,
-    /// If a person must review the result of a contact path, a new localization does not replace the review.
-    ContactStays,
-    /// Contact ends when the localization becomes too old.
-    TokenInContact,
-    /// A held cycle is resumed only through Verify.
-    UnholdVerifies,
-    /// After the panel was sprayed, a 3D shot needs a person's confirmation that the panel is dry.
-    DriedFirst,
-    /// The number of motions in the corner loop is limited.
-    MoveLimit,
-    /// The number of sanding passes is limited.
-    PassLimit,
-}
-
-/// The active rules: all rules, except in tests.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Rules {
-    without: Option<Rule>,
-}
-
-impl Rules {
-    /// All rules are active.
-    pub const ALL: Rules = Rules { without: None };
-
-    /// Returns whether this rule is active.
-    pub fn is_active(self, rule: Rule) -> bool {
-        self.without != Some(rule)
-    }
-
-    /// Returns all rules except `rule`.
-    #[cfg(test)]
-    pub fn without(rule: Rule) -> Self {
-        Rules { without: Some(rule) }
-    }
-}
-
-/// A condition of an action or a state.
+/// A condition that must be satisfied.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Need {
+    /// The robot reports standstill: no state is at rest before that.
     Standing,
+    /// The self-test has passed: without it there is no Idle.
     Tested,
+    /// The epoch is open: no command outside of it.
     Epoch,
+    /// The epoch is ended.
     EpochEnded,
+    /// The controller has echoed base and tool in this epoch: no straight motion before that.
     Frames(Frames),
+    /// The arm is at the end of this path: parked for water and for the scanner's view, at its corner pose for a
+    /// corner's picture, at the approach point, in air, for the start of the tool and of contact.
     At(Path),
+    /// The tool is off: for every motion but contact, and for water.
     ToolOff,
+    /// The tool is proven to run: no contact before that.
     ToolRunning,
+    /// The water is off: for motion and film.
     WaterOff,
+    /// The water has been off for the drain time: no start of the tool before that.
     Drained,
+    /// The light is off: for 3D and corner pictures, and at rest.
     LightOff,
+    /// The light is on and steady: for pictures of the film.
     LightSettled,
+    /// The lens is not guarded: for each picture.
     LensClear,
+    /// The lens is guarded: for water.
     LensGuarded,
+    /// The extraction is off: at rest.
     ExtractionOff,
+    /// The extraction reports flow: no tool without it.
     ExtractionFlowing,
+    /// The localization is valid: for approach and contact.
     Token,
+    /// The override is the one for which contact is planned: for tool and contact.
     FullOverride,
 }
 
-/// A condition, with the rule that requires it.
-pub(super) type Row = (Rule, Need);
-
-/// Returns the conditions of an action. This is the complete list of the cell's interlocks.
-pub(super) fn action_needs(act: Action) -> Vec<Row> {
+/// Returns the needs of an action. This is the whole list of the cell's interlocks.
+pub(super) fn action_needs(act: Action) -> Vec<Need> {
     use Need as N;
-    use Rule as R;
-    let parked = (R::ArmOutOfView, N::At(Path::Park));
-    let (clear, dark) = ((R::LensClear, N::LensClear), (R::LightOff, N::LightOff));
-    let lit = (R::LightSettled, N::LightSettled);
-    let (dry_air, tool_off) = ((R::WaterOff, N::WaterOff), (R::ToolOff, N::ToolOff));
-    let (camera, pad) = ((R::Frames, N::Frames(Frames::Camera)), (R::Frames, N::Frames(Frames::Pad)));
-    let (drained, extraction) = ((R::Drained, N::Drained), (R::Extraction, N::ExtractionFlowing));
-    let at_approach = (R::StartsInAir, N::At(Path::Approach));
-    let corner = |view| (R::AtView, N::At(Path::Corner { view }));
-    let (epoch, token) = ((R::Epoch, N::Epoch), (R::Token, N::Token));
-    let full_override = (R::FullOverride, N::FullOverride);
+    let (camera, pad) = (N::Frames(Frames::Camera), N::Frames(Frames::Pad));
+    let (parked, at_approach) = (N::At(Path::Park), N::At(Path::Approach));
     match act {
         Action::CheckStandstill
         | Action::SelfTest
@@ -181,35 +57,37 @@ pub(super) fn action_needs(act: Action) -> Vec<Row> {
         | Action::EndEpoch { .. }
         | Action::Plan { .. }
         | Action::Assess => vec![],
-        // Spray in the air and the light for the film disturb the projected pattern, and an arm in the view hides the
-        // panel.
-        Action::Locate => vec![dry_air, parked, dark, clear],
-        Action::DryPicture => vec![dry_air, parked, lit, clear],
-        Action::Film => vec![dry_air, parked, lit, clear],
-        // The corner pose is the last condition: light and lens are checked before the arm arrives, and nothing is
-        // switched afterwards.
-        Action::Refine { view } | Action::Verify { view } => vec![dark, clear, corner(view)],
-        Action::Switch(Switch::Rinse | Switch::Spray) => {
-            vec![epoch, (R::ParkedForWater, N::At(Path::Park)), tool_off, (R::LensGuarded, N::LensGuarded)]
+        // Water in the air and the film's light disturb the projected pattern, and an arm in view hides the panel.
+        Action::Locate => vec![N::WaterOff, parked, N::LightOff, N::LensClear],
+        Action::DryPicture => vec![N::WaterOff, parked, N::LightSettled, N::LensClear],
+        Action::Film => vec![N::WaterOff, parked, N::LightSettled, N::LensClear],
+        // The corner pose is last: light and lens are proven while the arm is still away, and nothing changes after it
+        // arrives.
+        Action::Refine { view } | Action::Verify { view } => {
+            vec![N::LightOff, N::LensClear, N::At(Path::Corner { view })]
         }
-        Action::Switch(Switch::ToolOn) => vec![full_override, epoch, drained, extraction, at_approach],
-        Action::Switch(_) | Action::SetFrames(_) => vec![epoch],
+        Action::Switch(Switch::Rinse | Switch::Spray) => {
+            vec![N::Epoch, parked, N::ToolOff, N::LensGuarded]
+        }
+        Action::Switch(Switch::ToolOn) => {
+            vec![N::FullOverride, N::Epoch, N::Drained, N::ExtractionFlowing, at_approach]
+        }
+        Action::Switch(_) | Action::SetFrames(_) => vec![N::Epoch],
         Action::Move(Motion { path, .. }) => match path {
-            Path::Park => vec![epoch, dry_air, tool_off],
-            Path::Corner { .. } => vec![epoch, dry_air, tool_off, camera],
-            // A localization is needed already for the approach: the approach point is computed from it and is close to
-            // the panel.
-            Path::Approach => vec![epoch, drained, tool_off, token, pad],
+            Path::Park => vec![N::Epoch, N::WaterOff, N::ToolOff],
+            Path::Corner { .. } => vec![N::Epoch, N::WaterOff, N::ToolOff, camera],
+            // The localization is needed already here: the approach point follows from it and is close to the panel.
+            Path::Approach => vec![N::Epoch, N::Drained, N::ToolOff, N::Token, pad],
             Path::Contact => {
-                // This condition is the last one: the tool starts at the approach point, in the air, after all other
-                // conditions are satisfied. A disc that starts on the panel would damage it.
-                let running = (R::ToolRunning, N::ToolRunning);
-                vec![full_override, epoch, drained, extraction, token, at_approach, pad, running]
+                // Last in the list: the tool starts at the approach point, in air, when everything else is proven. A
+                // disc that starts on the panel digs in.
+                let evidence = [N::FullOverride, N::Epoch, N::Drained, N::ExtractionFlowing, N::Token];
+                [&evidence[..], &[at_approach, pad, N::ToolRunning]].concat()
             }
-            Path::Air => vec![epoch, dry_air, tool_off, token, at_approach, pad],
-            // A retract needs no localization: the tool must be able to leave the panel along its axis even if the
-            // localization is too old.
-            Path::Retract => vec![epoch, dry_air, tool_off, pad],
+            Path::Air => vec![N::Epoch, N::WaterOff, N::ToolOff, N::Token, at_approach, pad],
+            // No localization is needed: the tool must be able to leave the panel along its axis after the localization
+            // became too old.
+            Path::Retract => vec![N::Epoch, N::WaterOff, N::ToolOff, pad],
         },
     }
 }
@@ -217,61 +95,39 @@ pub(super) fn action_needs(act: Action) -> Vec<Row> {
 /// Returns the conditions of an action that are not satisfied, as texts; empty if the action may begin. It is used for
 /// actions that a person requests one at a time: the same interlocks apply as in a cycle.
 pub fn open_interlocks(act: Action, facts: &Facts) -> Vec<&'static str> {
-    action_needs(act)
-        .into_iter()
-        .filter(|(_, need)| !need.is_satisfied(facts))
-        .map(|(_, need)| need.describe_need())
-        .collect()
+    action_needs(act).into_iter().filter(|need| !need.is_satisfied(facts)).map(Need::describe_need).collect()
 }
 
-/// Conditions of Stopping and Holding during a motion: the end of the epoch stops the motion and switches tool and
-/// water off.
-pub(super) const LEAVE_MOTION_CONDITIONS: [Row; 1] = [(Rule::StandsFirst, Need::EpochEnded)];
+/// The needs that Stopping and Holding satisfy while a motion is in progress: its end comes first and switches off tool
+/// and water.
+pub(super) const LEAVING_MOTION: [Need; 1] = [Need::EpochEnded];
 
-/// Conditions of Stopping and Holding if the tool was switched on and no epoch is open. In an open epoch, the end of
-/// the epoch would switch the tool off.
-pub(super) const LEAVE_TOOL_CONDITIONS: [Row; 3] =
-    [(Rule::ToolOff, Need::ToolOff), (Rule::WaterOff, Need::WaterOff), (Rule::StandsFirst, Need::EpochEnded)];
+/// The needs that Stopping and Holding satisfy if the tool is commanded to run and no epoch is open. The end of an open
+/// epoch would switch the tool off.
+pub(super) const LEAVING_TOOL: [Need; 3] = [Need::ToolOff, Need::WaterOff, Need::EpochEnded];
 
-/// Conditions of Stopping and Holding in all other cases. The water is switched off first, while the epoch still
-/// accepts commands.
-pub(super) const LEAVE_CONDITIONS: [Row; 2] =
-    [(Rule::WaterOff, Need::WaterOff), (Rule::StandsFirst, Need::EpochEnded)];
+/// The needs that Stopping and Holding satisfy otherwise. Water is shut while the epoch still accepts commands.
+pub(super) const LEAVE_NEEDS: [Need; 2] = [Need::WaterOff, Need::EpochEnded];
 
-/// Conditions at the end of Clearing.
-pub(super) const CLEARING_CONDITIONS: [Row; 3] =
-    [(Rule::StandsFirst, Need::Standing), (Rule::ToolOff, Need::ToolOff), (Rule::WaterOff, Need::WaterOff)];
+/// The needs that Clearing satisfies.
+pub(super) const CLEARING: [Need; 3] = [Need::Standing, Need::ToolOff, Need::WaterOff];
 
-/// Conditions at the end of Resetting.
-pub(super) const RESETTING_CONDITIONS: [Row; 6] = [
-    (Rule::StandsFirst, Need::Standing),
-    (Rule::ToolOff, Need::ToolOff),
-    (Rule::WaterOff, Need::WaterOff),
-    (Rule::AllOff, Need::ExtractionOff),
-    (Rule::AllOff, Need::LightOff),
-    (Rule::SelfTest, Need::Tested),
-];
+/// The needs that Resetting satisfies.
+pub(super) const RESETTING: [Need; 6] =
+    [Need::Standing, Need::ToolOff, Need::WaterOff, Need::ExtractionOff, Need::LightOff, Need::Tested];
 
-/// Conditions at the end of Starting.
-pub(super) const STARTING_CONDITIONS: [Row; 3] =
-    [(Rule::WaterOff, Need::WaterOff), (Rule::ToolOff, Need::ToolOff), (Rule::ArmOutOfView, Need::At(Path::Park))];
+/// The needs that Starting satisfies.
+pub(super) const STARTING: [Need; 3] = [Need::WaterOff, Need::ToolOff, Need::At(Path::Park)];
 
-/// Conditions at the end of Unholding.
-pub(super) const UNHOLDING_CONDITIONS: [Row; 2] =
-    [(Rule::WaterOff, Need::WaterOff), (Rule::ToolOff, Need::ToolOff)];
+/// The needs that Unholding satisfies.
+pub(super) const UNHOLDING: [Need; 2] = [Need::WaterOff, Need::ToolOff];
 
-/// Conditions at the end of Unholding if the panel was located before the hold.
-pub(super) const UNHOLDING_LOCATED_CONDITIONS: [Row; 3] =
-    [(Rule::WaterOff, Need::WaterOff), (Rule::ToolOff, Need::ToolOff), (Rule::UnholdVerifies, Need::Token)];
+/// The needs that Unholding satisfies if the panel had been located.
+pub(super) const UNHOLDING_LOCATED: [Need; 3] = [Need::WaterOff, Need::ToolOff, Need::Token];
 
-/// Conditions at the end of Completing.
-pub(super) const COMPLETING_CONDITIONS: [Row; 5] = [
-    (Rule::WaterOff, Need::WaterOff),
-    (Rule::ToolOff, Need::ToolOff),
-    (Rule::ArmOutOfView, Need::At(Path::Park)),
-    (Rule::AllOff, Need::ExtractionOff),
-    (Rule::AllOff, Need::LightOff),
-];
+/// The needs that Completing satisfies.
+pub(super) const COMPLETING: [Need; 5] =
+    [Need::WaterOff, Need::ToolOff, Need::At(Path::Park), Need::ExtractionOff, Need::LightOff];
 
 impl Need {
     /// Returns the condition as text, for a sentence that begins with "needs".
@@ -349,8 +205,8 @@ impl Need {
             Need::ExtractionOff => Action::Switch(Switch::ExtractionOff),
             Need::ExtractionFlowing => Action::Switch(Switch::ExtractionOn),
             Need::Token => Action::Verify { view: state.job.verified },
-            // Only a person at the pendant can change the override; `Turn::perform_next_action` holds the cycle
-            // meanwhile.
+            // Only a person at the pendant can change the override; `TransitionStep::perform_next_action` holds the
+            // cycle until then.
             Need::FullOverride => return None,
         })
     }

@@ -2,7 +2,7 @@
 //! recovery at its start, which computes the state from the journal of the last process, no matter how that process
 //! ended.
 
-use super::interlocks::{Rule, Rules};
+use super::interlocks::Need;
 use super::turn::TransitionStep;
 use super::{
     Action, Answer, At, Cause, Deadline, Effect, Epoch, Event, Hold, Id, Job, Light, Phase, Refusal, Report,
@@ -12,11 +12,12 @@ use panelprep_base::verdict::Verdict;
 
 /// Returns the next state, and the effects to perform in this order before the next event.
 pub fn step(state: State, event: Event) -> (State, Vec<Effect>) {
-    step_with(Rules::ALL, state, event)
+    step_without(None, state, event)
 }
 
-pub(super) fn step_with(rules: Rules, state: State, event: Event) -> (State, Vec<Effect>) {
-    let mut turn = TransitionStep { rules, state, effects: Vec::new() };
+/// Returns the same without this need in any row.
+pub(super) fn step_without(dropped: Option<Need>, state: State, event: Event) -> (State, Vec<Effect>) {
+    let mut turn = TransitionStep { dropped, state, effects: Vec::new() };
     match event {
         Event::Asked(request) => turn.on_request(request),
         Event::Reported(report) => turn.on_report(report),
@@ -34,7 +35,7 @@ impl TransitionStep {
     fn on_request(&mut self, request: Request) {
         use Request as Q;
         let robot = self.state.facts.robot;
-        let ready = robot == Robot::Ready || !self.rules.is_active(Rule::RobotReady);
+        let ready = robot == Robot::Ready;
         match (self.state.at, request) {
             // A request that may lead to a motion is accepted only if the robot is ready.
             (At::Stopped | At::Complete { .. }, Q::Reset) if ready => {
@@ -97,9 +98,8 @@ impl TransitionStep {
             }
             Report::Trouble(trouble) => self.on_unexpected_trouble(trouble),
             Report::Contrary(switch) => {
-                if self.rules.is_active(Rule::ContraryDoubts) {
-                    self.state.facts.invalidate_switch(switch);
-                }
+                // What the output or feedback contradicts is not proven any more.
+                self.state.facts.invalidate_switch(switch);
                 self.on_unexpected_trouble(Trouble::Feedback);
             }
             Report::StoreChanged => self.on_store_changed(Cause::StoreChanged),
@@ -112,15 +112,13 @@ impl TransitionStep {
             }
             Report::Progress { id, done } => self.on_progress(id, done),
             Report::Answered { id, answer } => {
-                let due = if self.rules.is_active(Rule::AnswersMatch) { is_due(id) } else { due };
-                let Some(due) = due else { return self.discard_report() };
+                // An answer counts only for the action whose id it contains.
+                let Some(due) = is_due(id) else { return self.discard_report() };
                 self.state.due = None;
                 self.on_answer(due.act, answer);
             }
             Report::Deadline { id, which: Deadline::Answer } => {
-                let Some(due) = is_due(id).filter(|_| self.rules.is_active(Rule::AnswerDeadline)) else {
-                    return self.discard_report();
-                };
+                let Some(due) = is_due(id) else { return self.discard_report() };
                 self.state.due = None;
                 // If the answer arrives later, it is dropped, because its id is no longer that of the action in
                 // progress.
@@ -143,7 +141,7 @@ impl TransitionStep {
                 self.state.at = At::Execute(Phase::Inspect);
             }
             (Deadline::Token, _) if facts.token == Some(id) => self.on_token_expired(),
-            (Deadline::Stop, At::Stopping { until }) if until == id && self.rules.is_active(Rule::StopDeadline) => {
+            (Deadline::Stop, At::Stopping { until }) if until == id => {
                 self.abort(Cause::StopTimedOut);
             }
             _ => self.discard_report(),
@@ -156,10 +154,9 @@ impl TransitionStep {
         if robot == Robot::Ready {
             return;
         }
-        if self.rules.is_active(Rule::LossForgets) {
-            self.state.facts.forget();
-        }
-        // In these two conditions no controller can answer. In all others, the controller still answers an abort.
+        // A robot that is not ready voids the localization, and the knowledge of arm and outputs.
+        self.state.facts.forget();
+        // No controller answers in these two conditions; in all others the controller still answers an abort.
         let gone = matches!(robot, Robot::LinkLost | Robot::Restarted);
         match self.state.at {
             At::Stopped | At::Aborted { .. } => {}
@@ -179,7 +176,6 @@ impl TransitionStep {
                 }
             }
             At::Clearing { .. } => self.aborted(Cause::Robot(robot)),
-            _ if !self.rules.is_active(Rule::ConditionAborts) => {}
             _ => self.abort(Cause::Robot(robot)),
         }
     }
@@ -192,7 +188,7 @@ impl TransitionStep {
                 // corrupted.
                 let in_order = intent.done <= done && done <= motion.waypoints;
                 intent.done = done;
-                if !in_order && self.rules.is_active(Rule::Sequence) {
+                if !in_order {
                     self.leave_for_trouble(Trouble::Sequence);
                 }
             }
@@ -220,9 +216,7 @@ impl TransitionStep {
     /// Handles an epoch that the link has ended on its own. In every state the epoch is no longer open, and the work in
     /// this epoch ends.
     fn on_epoch_over(&mut self, trouble: Option<Trouble>) {
-        if self.rules.is_active(Rule::LinkEndsEpoch) {
-            self.state.facts.end_epoch(Epoch::Changing);
-        }
+        self.state.facts.end_epoch(Epoch::Changing);
         let Some(trouble) = trouble else { return };
         let ends = self.state.due.is_some_and(|due| matches!(due.act, Action::EndEpoch { .. }));
         match self.state.at {
@@ -236,9 +230,6 @@ impl TransitionStep {
 
     /// Ends the work in progress by a hold or an abort, depending on the fault.
     pub fn leave_for_trouble(&mut self, trouble: Trouble) {
-        if !self.rules.is_active(Rule::TroubleLeaves) {
-            return;
-        }
         self.state.due = None;
         match self.state.at {
             At::Resetting => {
@@ -263,9 +254,6 @@ impl TransitionStep {
         // been moved.
         (self.state.due, self.state.facts.token) = (None, None);
         self.state.at = At::Aborting { cause };
-        if !self.rules.is_active(Rule::AbortIsSent) {
-            self.aborted(cause);
-        }
     }
 
     /// Ends an abort, whether or not the controller has confirmed the abort frame. The cycle is concluded only now,
@@ -305,9 +293,7 @@ impl TransitionStep {
 
     fn boot(&mut self) {
         self.conclude(Verdict::Aborted);
-        if self.rules.is_active(Rule::BootRests) {
-            self.state = state_after_restart(self.state);
-        }
+        self.state = state_after_restart(self.state);
     }
 }
 

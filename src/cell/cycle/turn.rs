@@ -1,6 +1,6 @@
 //! A transition while it is computed: the state, the effects so far, and the next action towards the goal of the state.
 
-use super::interlocks::{Row, Rule, Rules, action_needs};
+use super::interlocks::{Need, action_needs};
 use super::{
     Action, At, Deadline, Due, Effect, Facts, Id, Intent, Outcome, Phase, Refusal, Request, State, Trouble,
 };
@@ -14,13 +14,14 @@ pub(super) enum Goal {
     Do(Action),
     /// Perform this action immediately.
     Now(Action),
-    /// Enter the next state as soon as these conditions are satisfied.
-    Reach(&'static [Row], At),
+    /// To enter the next state, once these needs are satisfied.
+    Reach(&'static [Need], At),
 }
 
 /// A transition while it is computed.
 pub(super) struct TransitionStep {
-    pub rules: Rules,
+    /// A need that a test drops from all rows; `None` in the program.
+    pub dropped: Option<Need>,
     pub state: State,
     pub effects: Vec<Effect>,
 }
@@ -87,7 +88,7 @@ impl TransitionStep {
     /// which contact is planned. Only a person can correct this.
     pub fn has_wrong_override(&self) -> bool {
         let touches = self.state.at == At::Execute(Phase::Abrade) && !self.is_air();
-        touches && !self.state.facts.full_override && self.rules.is_active(Rule::FullOverride)
+        touches && !self.is_satisfied(Need::FullOverride)
     }
 
     /// Starts the first action that is needed for the given action, or the given action itself if all its conditions
@@ -104,27 +105,26 @@ impl TransitionStep {
         }
     }
 
-    /// Returns the action that satisfies the first open condition; `Some(None)` if only time or a person can satisfy
-    /// it, `None` if all conditions are satisfied.
-    fn first_unmet_need(&self, rows: &[Row]) -> Option<Option<Action>> {
-        let missing = |(rule, need): &&Row| self.rules.is_active(*rule) && !need.is_satisfied(&self.state.facts);
-        rows.iter().find(missing).map(|(_, need)| need.satisfying_action(&self.state))
+    /// Returns the action that satisfies the first need that is not satisfied; `Some(None)` if only time or a person
+    /// can satisfy it, `None` if all needs are satisfied.
+    fn first_unmet_need(&self, rows: &[Need]) -> Option<Option<Action>> {
+        rows.iter().find(|need| !self.is_satisfied(**need)).map(|need| need.satisfying_action(&self.state))
+    }
+
+    fn is_satisfied(&self, need: Need) -> bool {
+        self.dropped == Some(need) || need.is_satisfied(&self.state.facts)
     }
 
     fn perform(&mut self, act: Action) {
         let id = self.next_id();
-        // From now on the output may be on or off. If the action is never answered, no interlock may rely on the
-        // previous state.
-        if self.rules.is_active(Rule::AskedIsUnknown) {
-            self.state.facts.mark_unknown(act);
-        }
+        // From here on the output may have either state; if the answer never comes, no interlock may rely on the old
+        // one.
+        self.state.facts.mark_unknown(act);
         if let Action::Move(motion) = act {
             self.state.intent = Some(Intent { id, motion, done: 0 });
-            // The motion is committed to the store before it is sent: after a power failure, the store must show every
-            // contact that has taken place.
-            if self.rules.is_active(Rule::IntentFirst) {
-                self.effects.push(Effect::OpenIntent(motion));
-            }
+            // The intent is committed before the motion is sent: after a power cut, a contact that took place must be
+            // in the store.
+            self.effects.push(Effect::OpenIntent(motion));
         }
         // The deadline starts before the action, so that an action without an answer is always detected.
         self.effects.push(Effect::Arm { id, deadline: Deadline::Answer });

@@ -12,9 +12,9 @@ const TURN_SOURCE_PATH: &str = "src/cell/cycle/turn.rs";
 pub(super) const ALL: [Mutation; 18] = [
     change(
         "an epoch that the link ends while the cell is reset or cleared is taken for open",
-        STEP_SOURCE_PATH,
-        "if self.rules.is_active(Rule::LinkEndsEpoch) {",
-        "if self.rules.is_active(Rule::LinkEndsEpoch) && !matches!(self.state.at, At::Resetting | At::Clearing { .. }) {",
+        STEP,
+        "self.state.facts.end_epoch(Epoch::Changing);",
+        "if !matches!(self.state.at, At::Resetting | At::Clearing { .. }) { self.state.facts.end_epoch(Epoch::Changing); }",
     ),
     change(
         "a start with tool or water that may run is Stopped",
@@ -36,32 +36,27 @@ pub(super) const ALL: [Mutation; 18] = [
     ),
     change(
         "the tool is switched on without extraction",
-        INTERLOCKS_SOURCE_PATH,
-        "vec![full_override, epoch, drained, extraction, at_approach],",
-        "vec![full_override, epoch, drained, at_approach],",
+        INTERLOCKS,
+        "vec![N::FullOverride, N::Epoch, N::Drained, N::ExtractionFlowing, at_approach]",
+        "vec![N::FullOverride, N::Epoch, N::Drained, at_approach]",
     )
     .and(
-        INTERLOCKS_SOURCE_PATH,
-        "vec![full_override, epoch, drained, extraction, token, at_approach, pad, running]",
-        "vec![full_override, epoch, drained, token, at_approach, pad, running]",
+        INTERLOCKS,
+        "[N::FullOverride, N::Epoch, N::Drained, N::ExtractionFlowing, N::Token];",
+        "[N::FullOverride, N::Epoch, N::Drained, N::Token];",
     ),
-    change(
-        "water runs while the lens is open",
-        INTERLOCKS_SOURCE_PATH,
-        "tool_off, (R::LensGuarded, N::LensGuarded)]",
-        "tool_off]",
-    ),
+    change("water runs while the lens is open", INTERLOCKS, "N::ToolOff, N::LensGuarded]", "N::ToolOff]"),
     change(
         "a 3D shot does not ask for a parked arm",
-        INTERLOCKS_SOURCE_PATH,
-        "vec![dry_air, parked, dark, clear],",
-        "vec![dry_air, dark, clear],",
+        INTERLOCKS,
+        "vec![N::WaterOff, parked, N::LightOff, N::LensClear],",
+        "vec![N::WaterOff, N::LightOff, N::LensClear],",
     ),
     change(
         "a 3D shot does not ask for the light to be off",
-        INTERLOCKS_SOURCE_PATH,
-        "Action::Locate => vec![dry_air, parked, dark, clear],",
-        "Action::Locate => vec![dry_air, parked, clear],",
+        INTERLOCKS,
+        "Action::Locate => vec![N::WaterOff, parked, N::LightOff, N::LensClear],",
+        "Action::Locate => vec![N::WaterOff, parked, N::LensClear],",
     ),
     change(
         "what is known of the cell outlives a robot that is not ready",
@@ -95,9 +90,9 @@ pub(super) const ALL: [Mutation; 18] = [
     ),
     change(
         "a cycle makes one pass more than it may",
-        EXECUTE_SOURCE_PATH,
-        "self.state.job.pass < self.state.job.max_passes ||",
-        "self.state.job.pass <= self.state.job.max_passes ||",
+        EXECUTE,
+        "self.state.job.pass < self.state.job.max_passes;",
+        "self.state.job.pass <= self.state.job.max_passes;",
     ),
     change(
         "the arm does not retract behind a contact path",
@@ -107,9 +102,9 @@ pub(super) const ALL: [Mutation; 18] = [
     ),
     change(
         "what a contact path did is not graded",
-        EXECUTE_SOURCE_PATH,
-        "if self.rules.is_active(Rule::AssessFirst) { Phase::Assess { left } } else { otherwise }",
-        "if self.rules.is_active(Rule::AssessFirst) && left { Phase::Assess { left } } else { otherwise }",
+        EXECUTE,
+        "self.state.at = At::Execute(Phase::Assess { left: false });",
+        "self.state.at = At::Execute(Phase::Rinse);",
     ),
     change(
         "a motion begins before it is on the record",

@@ -1,7 +1,7 @@
 //! The simulated true state of the cell. It does not use the facts of the table, only its own outputs and its own arm.
 
-use super::super::interlocks::Rules;
-use super::super::step::step_with;
+use super::super::interlocks::Need;
+use super::super::step::step_without;
 use super::super::*;
 
 /// Maximum number of waypoints that are sent and not yet executed.
@@ -18,7 +18,7 @@ pub struct Moving {
 
 /// The true state of the cell, together with the state of the table.
 pub struct Cell {
-    pub rules: Rules,
+    pub dropped: Option<Need>,
     pub state: State,
     pub robot: Robot,
     /// Whether the override has the value for which contact is planned; `None` before the first report.
@@ -79,10 +79,10 @@ pub struct Cell {
 }
 
 impl Cell {
-    /// Creates a cell before its first event, with its outputs as a person has left them.
-    pub fn new(rules: Rules) -> Self {
+    /// Creates a cell before its first event: outputs in the state in which a person left them.
+    pub fn new(dropped: Option<Need>) -> Self {
         Cell {
-            rules,
+            dropped,
             state: State::INITIAL,
             robot: Robot::Unknown,
             full_override: None,
@@ -132,8 +132,8 @@ impl Cell {
     pub fn feed(&mut self, event: Event) -> Result<(), String> {
         let before = self.state;
         let due = before.due;
-        self.apply_to_truth(event);
-        let (state, effects) = step_with(self.rules, before, event);
+        self.happen(event);
+        let (state, effects) = step_without(self.dropped, before, event);
         self.journal.push(event);
         self.state = state;
         if let Some(due) = due.filter(|due| state.due.is_none_or(|now| now.id != due.id)) {

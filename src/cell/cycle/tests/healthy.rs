@@ -1,7 +1,6 @@
 //! Generates events: the next event of a cell without faults and its operator, and random unexpected events. Also
 //! functions for scenarios with a cell without faults.
 
-use super::super::interlocks::Rules;
 use super::super::*;
 use super::cell::Cell;
 use rand::RngExt;
@@ -246,7 +245,7 @@ impl Story {
     /// Creates a cell in Idle. `films` are the results of its next films.
     pub fn idle(films: &[Film]) -> Self {
         let films = films.iter().rev().copied().collect();
-        let mut story = Story { cell: Cell::new(Rules::ALL), acts: Vec::new(), films };
+        let mut story = Story { cell: Cell::new(None), acts: Vec::new(), films };
         story.report(Report::Robot(Robot::Ready));
         story.asked(Request::Reset);
         assert_eq!(
