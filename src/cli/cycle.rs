@@ -10,6 +10,7 @@ use super::live::{self, CellDevices, FlangeLink, SimulatedController};
 use super::load::CellFiles;
 use super::output::Outcome;
 use super::report::{self, StoredCycle};
+use super::simulated::FollowedRobot;
 use super::{record as signed, recording};
 use panelprep_base::geometry::KukaPose;
 use panelprep_base::supervision::{Supervisor, ThreadFault};
@@ -210,8 +211,9 @@ pub fn run_one(
             Computing::on_thread(parts, lock_step, &supervisor, LiveView::default()).map_err(Fault::stage)?
         }
     };
+    let robot = FollowedRobot { robot: &mut live.robot, follower: live.follower };
     let ports = LoopPorts {
-        robot: &mut RecordedPort::new(&mut live.robot, recording.clone()),
+        robot: &mut RecordedPort::new(Box::new(robot), recording.clone()),
         tool: &mut RecordedPort::new(&mut live.tool, recording.clone()),
         record: &mut RecordedPort::new(&mut record, recording.clone()),
         requests: &mut RecordedPort::new(&mut once, recording.clone()),

@@ -47,6 +47,8 @@ pub struct CellDevices {
     pub simulated: Option<SimulatedController>,
     /// The simulated world, if a camera looks at one.
     pub world: Option<SimulatedWorld>,
+    /// The world that follows a controller in another process.
+    pub follower: Option<Follower>,
     /// How pictures of the flange camera were transferred, if this is to be reported.
     pub flange_link: Option<FlangeLink>,
 }
@@ -106,6 +108,7 @@ impl CellDevices {
                 cameras,
                 simulated: Some(simulated),
                 world,
+                follower: None,
                 flange_link: None,
             });
         }
@@ -122,6 +125,7 @@ impl CellDevices {
                 cameras,
                 simulated: None,
                 world: None,
+                follower: None,
                 flange_link: None,
             });
         }
@@ -134,12 +138,13 @@ impl CellDevices {
         let cameras = cameras(cell, calibrations, Some((&world, &arm)))?;
         let (tool, tool_watched) = tool(cell, calibrations, Some((&world, &arm)), None)?;
         Ok(CellDevices {
-            robot: robot.with_follower(follower),
+            robot,
             tool,
             tool_watched,
             cameras,
             simulated: None,
             world: Some(world),
+            follower: Some(follower),
             flange_link: None,
         })
     }

@@ -46,6 +46,7 @@ mod robot;
 mod run;
 mod score;
 mod shoot;
+mod simulated;
 mod store;
 mod teach;
 mod tune;

@@ -11,18 +11,19 @@ use super::live::CellDevices;
 use super::load::{CellFiles, calibrated_serial};
 use super::output::Outcome;
 use super::report::{self, StoredCycle};
+use super::simulated::{FollowedRobot, SimulatedPerson};
 use super::{disk, record, recording, zivid};
 use panelprep_base::supervision::Supervisor;
 use panelprep_base::verdict::{Judgement, Reason, Verdict};
-use panelprep_cell::cycle::{self, At, Cause, State};
+use panelprep_cell::cycle::{At, Cause, State};
 use panelprep_cell::files::content_hash;
 use panelprep_cell::record::{CycleId, RecordingFile};
 use panelprep_devices::world::SimulatedWorld;
 use panelprep_service::daemon::{
     self, CellSetup, Computing, EndedCycle, Gateway, LastWrittenPage, LiveView, Loader, LoopEvent, LoopPorts,
     LoopStart, Port, PreparedCycle, RecipeTextPermission, RecordIn, RecordedPort, Recording, RecordingResult,
-    RecordingSwitch, Request, RequestAnswer, RequestCommand, RequestHandler, RequestKind, RequestQueue,
-    RequestSender, Requester as _, ServiceParts, SharedCameras, Socket, StartRequest, StoreRecord,
+    RecordingSwitch, Request, RequestCommand, RequestHandler, RequestQueue, RequestSender, Requester as _,
+    ServiceParts, SharedCameras, Socket, StartRequest, StoreRecord,
 };
 use panelprep_service::requirements::Purpose;
 use panelprep_store::store::{PrunedFiles, Store, StoreError};
@@ -104,7 +105,10 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
         let found: Vec<Reason> = found.into_iter().map(|words| Reason::new("store_changed", words)).collect();
         handler.on_loop_event(LoopEvent::Noted(found));
     }
-    let mut person = SimulatedPerson { requester: handler, world };
+    let mut requests: Box<dyn Port<RequestCommand>> = match world {
+        Some(world) => Box::new(SimulatedPerson { requester: handler, world }),
+        None => Box::new(handler),
+    };
     let (again, whole) = (files.clone(), common.clone());
     let keep = daemon::picture_store(&store).map_err(Fault::stage)?;
     let mut record = StoreRecord::new(&mut store, left_open);
@@ -112,11 +116,12 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     let cameras = Box::new(RecordedPort::new(Box::new(cameras), recording.clone()));
     let computing = Computing::on_thread((cameras, readable, keep), lock_step, &supervisor, view.clone())
         .map_err(Fault::from_loop_error)?;
+    let robot = FollowedRobot { robot: &mut live.robot, follower: live.follower };
     let ports = LoopPorts {
-        robot: &mut RecordedPort::new(&mut live.robot, recording.clone()),
+        robot: &mut RecordedPort::new(Box::new(robot), recording.clone()),
         tool: &mut RecordedPort::new(&mut live.tool, recording.clone()),
         record: &mut RecordedPort::new(&mut record, recording.clone()),
-        requests: &mut RecordedPort::new(&mut person, recording.clone()),
+        requests: &mut RecordedPort::new(requests.as_mut(), recording.clone()),
         computing,
         lock_step,
     };
@@ -127,10 +132,10 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
         tracing::info!("{}", recorded.message);
     }
     let ended = ended.map_err(Fault::from_loop_error)?;
-    // The page's connections to the store are closed before the store's own connection, because the last connection
-    // removes the write-ahead log of the database.
-    drop((socket, page, push, plant, line, fronts, person));
-    #[expect(clippy::let_underscore_must_use, reason = "the panic of the page thread was already reported")]
+    // The page's connections to the store end before the store's own connection. The last connection then leaves a
+    // database without a write-ahead log.
+    drop((socket, page, push, plant, line, fronts, requests));
+    #[expect(clippy::let_underscore_must_use, reason = "a panic in there was reported where it happened")]
     let _ = pages.join();
     let ended = ended.state;
     tracing::info!("the service ends in state {}", ended.at.keyword());
@@ -383,32 +388,6 @@ fn outcome(state: &State) -> Outcome {
     outcome.add_value("state", at.keyword().into());
     outcome.lines[0] = format!("ended in state {}", at.keyword());
     outcome
-}
-
-/// Passes requests on. In a simulated cell, it dries the panel before a request that confirms that the panel is dry.
-struct SimulatedPerson<R> {
-    /// The source of the requests.
-    pub requester: R,
-    /// The simulated world.
-    pub world: Option<SimulatedWorld>,
-}
-
-impl<R: Port<RequestCommand>> Port<RequestCommand> for SimulatedPerson<R> {
-    fn perform(&mut self, command: RequestCommand) -> RequestAnswer {
-        let is_held = matches!(command, RequestCommand::Next(state) if matches!(state.at, At::Held(_)));
-        let begins = matches!(command, RequestCommand::Publish(LoopEvent::Begun(..)));
-        let answer = self.requester.perform(command);
-        let unholds =
-            |request: &Request| matches!(request.what, RequestKind::Table(cycle::Request::Unhold { dried: true }));
-        let dries = match &answer {
-            RequestAnswer::Next(Ok(Some(request))) => is_held && unholds(request),
-            _ => begins,
-        };
-        if let (Some(world), true) = (&self.world, dries) {
-            world.dry_panel();
-        }
-        answer
-    }
 }
 
 #[cfg(test)]

@@ -8,11 +8,8 @@ use panelprep_base::supervision::{ThreadFault, WatchedThread};
 use panelprep_cell::force::ForceSetPoint;
 use panelprep_devices::acf::{ConnectedTool, ToolReport};
 use panelprep_devices::robot::{BlockingLink, LineOutputs, StopLine};
-use panelprep_devices::world::Follower;
 use panelprep_kuka::eki;
-use panelprep_kuka::eki::{
-    Channel, ClockMode, Command, CommandId, Epoch, LinkLoss, MoveLin, QueueError, Report, Time,
-};
+use panelprep_kuka::eki::{ClockMode, Command, CommandId, Epoch, MoveLin, QueueError, Report, Time};
 use serde::Serialize;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -120,7 +117,6 @@ pub struct LinkedRobot {
     pace: ClockMode,
     started: Instant,
     virtual_now: Time,
-    follower: Option<Follower>,
     last: LastState,
 }
 
@@ -132,7 +128,6 @@ impl LinkedRobot {
             pace,
             started: Instant::now(),
             virtual_now: Time::default(),
-            follower: None,
             last: LastState::default(),
         }
     }
@@ -142,14 +137,7 @@ impl LinkedRobot {
         self.last.clone()
     }
 
-    /// Returns the robot together with a simulated world that follows the reports of the controller. If the controller
-    /// is not a mock controller, the robot is reported as not connected, because a simulation must not affect a real
-    /// arm.
-    pub fn with_follower(self, follower: Follower) -> Self {
-        LinkedRobot { follower: Some(follower), ..self }
-    }
-
-    /// Returns the outputs with which the controller reports the cell's state to a production line.
+    /// Returns the outputs by which the controller informs a production line.
     pub fn line(&self) -> LineOutputs {
         self.link.line()
     }
@@ -176,15 +164,6 @@ impl LinkedRobot {
             Some(Report::State(state) | Report::Connected { state }) => {
                 self.last.set(Some(state));
                 self.virtual_now = Time::from_ms(u64::from(state.time_ms));
-                if let Some(follower) = &self.follower {
-                    if !Follower::is_simulated_controller(state) {
-                        let problem = "the cameras are simulated, but the controller is not a mock controller; no \
-                                       command is sent to it";
-                        let (channel, problem) = (Channel::State, problem.to_owned());
-                        return Ok(Some(Report::LinkLost { why: LinkLoss::System { channel, problem } }));
-                    }
-                    follower.process_state(state);
-                }
             }
             Some(Report::LinkLost { .. }) => self.last.set(None),
             Some(_) => {}
