@@ -6,8 +6,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use syn::visit::{self, Visit};
 
-/// Texts that are read by machines or by programmers: part of the file's name, part of the text.
-const FOR_MACHINES: [(&str, &str); 31] = [
+/// Texts that are read by machines, or by programmers: part of the file's name, part of the text.
+const FOR_MACHINES: [(&str, &str); 26] = [
     // TOML and digests need every digit, and quotes around a text.
     ("cell/calibration.rs", "{number:?}"),
     ("cell/calibration.rs", "{:?}"),
@@ -33,12 +33,6 @@ const FOR_MACHINES: [(&str, &str); 31] = [
     ("cli/render_boards.rs", "p{number}_axes_deg = {"),
     ("cell/robot_correction.rs", "left_out_before_mm = {"),
     ("cell/robot_correction.rs", "left_out_after_mm = {"),
-    // Keys under which results of simulations are stored in a cache.
-    ("daemon/computing/memory.rs", "{act:?}"),
-    ("daemon/perception.rs", "{located:?}"),
-    ("daemon/perception.rs", "{failed:?}"),
-    ("daemon/films.rs", ""),
-    ("daemon/abrasion.rs", "{plan:?}"),
     // Output of `Debug` itself.
     ("devices/zivid/wire.rs", "{found:02x?}"),
     ("devices/zivid/scanner.rs", "?found"),

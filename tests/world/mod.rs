@@ -385,7 +385,7 @@ impl Running {
             tool: &mut daemon::LinkedTool::default(),
             record: &mut record,
             requests: &mut self.people,
-            computing: Computing::inline(cameras, false).with_memory(MEMORY.clone(), sees),
+            computing: Computing::remembering(cameras, (MEMORY.clone(), sees), false),
             lock_step: false,
         };
         let start = LoopStart {

@@ -2,7 +2,6 @@
 
 use super::answers::{figure, figure_without_picture, grade_judgement, reason};
 use super::error::DaemonError;
-use super::films::mask_hash;
 use super::perception::{Perception, view};
 use super::ports::{Note, Record};
 use super::setup::CycleSetup;
@@ -32,25 +31,25 @@ use std::sync::Arc;
 /// The last plan, and the work done by all plans of the cycle.
 #[derive(Debug, Default, Clone)]
 pub(super) struct AbrasionWork {
-    /// The surface of the taught region; `None` until it is computed.
-    taught: Option<Arc<Fit>>,
+    /// The taught region's surface, once it is known.
+    pub(super) taught: Option<Arc<Fit>>,
     /// The surface of the region in today's scan, on which paths are planned.
-    fit: Option<Arc<Fit>>,
-    plan: Option<(u64, Plan)>,
-    /// For each grid, the number of passes that touched it, and the number of the last of these passes.
-    touched: BTreeMap<GridId, (usize, u8)>,
-    /// For each grid, the last pass that sanded it completely.
-    done: BTreeMap<GridId, u8>,
-    /// Maximum number of passes over a grid, from the recipe of the last plan.
-    most_passes: usize,
-    /// The area that the present disc has swept so far, mm², from the store.
+    pub(super) fit: Option<Arc<Fit>>,
+    pub(super) plan: Option<(u64, Plan)>,
+    /// For each grid the number of passes that touched it, and the last of these passes.
+    pub(super) touched: BTreeMap<GridId, (usize, u8)>,
+    /// The last pass in which a grid was abraded completely.
+    pub(super) done: BTreeMap<GridId, u8>,
+    /// The maximum number of abrasions of a grid, from the last plan's recipe.
+    pub(super) most_passes: usize,
+    /// The area that the disc in use has swept so far, from the store, mm².
     pub worn_mm2: f64,
-    /// The material that the passes of this cycle have removed, if it is known.
-    removed: Option<RemovalMap>,
-    /// The taught pixels that the disc touched in this cycle, or may have touched. The dry picture does not show their
+    /// The material that the passes of this cycle have removed so far, if it is known.
+    pub(super) removed: Option<RemovalMap>,
+    /// The taught pixels that the disc touched in this cycle, or may have touched: the dry picture does not show their
     /// present appearance.
-    sanded: Option<Arc<Mask>>,
-    /// The passes of earlier cycles of this panel that touched a grid, or may have touched one.
+    pub(super) sanded: Option<Arc<Mask>>,
+    /// The passes of earlier cycles of this panel that touched a grid, or may have touched it.
     pub earlier: Vec<EarlierPass>,
     /// Whether the cycle is an air-run.
     pub is_air: bool,
@@ -60,26 +59,7 @@ pub(super) struct AbrasionWork {
 }
 
 impl AbrasionWork {
-    /// Returns, as text, the data on which the results of later phases depend. The surface is omitted, because it
-    /// follows from the taught data.
-    pub(super) fn inputs(&self) -> String {
-        let AbrasionWork { plan, touched, done, most_passes, worn_mm2, earlier, removed, sanded, is_air, .. } =
-            self;
-        let removed_mm3 = removed.as_ref().map(RemovalMap::volume_mm3);
-        let plan = plan.as_ref().map(|(number, _)| number);
-        let sanded = mask_hash(sanded.as_deref());
-        format!(
-            "{plan:?} {touched:?} {done:?} {most_passes} {worn_mm2} {earlier:?} {removed_mm3:?} {sanded:x} {is_air}"
-        )
-    }
-
-    /// Returns a copy of `self` with the surfaces of `other`, if `other` has them.
-    pub(super) fn with_surface_of(self, other: AbrasionWork) -> Self {
-        // The same computation in an earlier cycle used the surface of the same scan.
-        AbrasionWork { taught: self.taught.or(other.taught), fit: other.fit.or(self.fit), ..self }
-    }
-
-    /// Returns the last plan, if it has this number.
+    /// Returns the plan with this number, if it is the last one.
     pub fn plan(&self, number: u64) -> Option<&Plan> {
         self.plan.as_ref().filter(|(known, _)| *known == number).map(|(_, plan)| plan)
     }

@@ -11,12 +11,10 @@
 //! whatever the robot and the loop do. In lock step the loop requests each step, so that virtual time determines which
 //! picture is evaluated.
 
-mod memory;
 mod worker;
 
-pub use memory::{Memory, SceneKey};
 pub use worker::CalibrationCheck;
-pub(super) use worker::{WorkInput, WorkOutcome, WorkResult};
+pub(super) use worker::{PerformWork, WorkInput, WorkOutcome, WorkResult, Worker};
 
 use super::error::DaemonError;
 use super::live_view::LiveView;
@@ -29,7 +27,6 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender};
 use std::sync::{Arc, mpsc};
 use std::thread;
 use std::time::Duration;
-use worker::Worker;
 
 /// Maximum duration of a piece of work; if it takes longer, it hangs. The state table has then stopped waiting for the
 /// answer long before, and the robot is at standstill. Work that hangs prevents every later action.
@@ -55,7 +52,7 @@ const NO_RESULT_AWAITED: u64 = u64::MAX;
 
 enum Executor<'p> {
     /// The loop computes the result itself when it accepts it.
-    Inline { worker: Box<Worker<'p>>, queue: VecDeque<WorkInput>, remembers: Option<(Memory, SceneKey)> },
+    Inline { worker: Box<dyn PerformWork + 'p>, queue: VecDeque<WorkInput> },
     /// A separate thread.
     Thread {
         queue: Sender<WorkInput>,
@@ -70,23 +67,13 @@ impl<'p> Computing<'p> {
     /// Creates an executor that computes when the loop accepts a result; the loop waits for it.
     pub fn inline(cameras: Box<dyn CameraPort + Send + 'p>, lock_step: bool) -> Self {
         // The calibrations need no check here: the command that runs one cycle has just read them.
-        let worker = Box::new(Worker::new(cameras, Box::new(Vec::new), None));
-        let due = Arc::new(AtomicU64::new(NO_RESULT_AWAITED));
-        Computing {
-            lock_step,
-            awaited_id: due,
-            executor: Executor::Inline { worker, queue: VecDeque::new(), remembers: None },
-        }
+        Computing::with_worker(Box::new(Worker::new(cameras, Box::new(Vec::new), None)), lock_step)
     }
 
-    /// Returns the same executor with a memory: results that were computed before are not computed again. For
-    /// simulations of many cycles with one setup.
-    pub fn with_memory(mut self, memory: Memory, scene_key: SceneKey) -> Self {
-        if let Executor::Inline { remembers, worker, .. } = &mut self.executor {
-            worker.enable_film_memory(memory.films());
-            *remembers = Some((memory, scene_key));
-        }
-        self
+    /// Creates an executor whose worker computes when the loop accepts a result.
+    pub(super) fn with_worker(worker: Box<dyn PerformWork + 'p>, lock_step: bool) -> Self {
+        let due = Arc::new(AtomicU64::new(NO_RESULT_AWAITED));
+        Computing { lock_step, awaited_id: due, executor: Executor::Inline { worker, queue: VecDeque::new() } }
     }
 
     /// Starts a thread that computes; call this from the loop's thread. With the wall clock the thread has a lower
@@ -179,19 +166,10 @@ impl<'p> Computing<'p> {
     /// Takes the result that `ready` has reported.
     pub(super) fn ready_result(&mut self) -> Option<WorkResult> {
         match &mut self.executor {
-            Executor::Inline { worker, queue, remembers } => {
+            Executor::Inline { worker, queue } => {
                 let work = queue.pop_front()?;
-                let inputs = remembers.as_mut().and_then(|(_, scene_key)| memory::inputs(&work, scene_key));
-                if let (Some((memory, _)), Some(inputs)) = (&remembers, &inputs)
-                    && let Some(worked) = memory.cached_result(inputs, &work)
-                {
-                    return Some(worked);
-                }
                 let next = WorkInput::next_picture_step(work.id, work.action, work.pass, work.setup.clone());
                 let worked = worker.perform(work);
-                if let (Some((memory, _)), Some(inputs)) = (remembers, inputs) {
-                    memory.store_result(inputs, &worked);
-                }
                 if !self.lock_step && !worked.is_last() {
                     queue.push_front(next);
                 }

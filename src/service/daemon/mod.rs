@@ -62,6 +62,8 @@ mod proof_gate;
 mod protocol;
 mod push;
 mod recording;
+#[cfg(any(test, feature = "testing"))]
+mod remembered;
 mod replay;
 mod request;
 mod request_handler;
@@ -87,7 +89,7 @@ mod tests;
 
 pub use alarms::{AlarmId, Alarms};
 pub use camera_lease::{AllCameras, BorrowedFlangeCamera, RemoteScanner, SharedCameras, ShotRequest};
-pub use computing::{CalibrationCheck, Computing, Memory, SceneKey};
+pub use computing::{CalibrationCheck, Computing};
 pub use error::DaemonError;
 #[cfg(feature = "plant")]
 pub use fleet::{FleetAddress, FleetError, serve as serve_fleet};
@@ -110,7 +112,9 @@ pub use ports::{
 pub use proof_gate::ProofGate;
 pub use protocol::{MAX_BYTES, ProtocolError, read_request, request_line};
 pub use push::{PushParts, PushSender, PushStatus};
-pub use recording::{MIN_FREE_SPACE_MB, StoreRecord, picture_store};
+pub use recording::{FLOOR_MB, StoreRecord, picture_store};
+#[cfg(any(test, feature = "testing"))]
+pub use remembered::{Memory, SceneKey};
 pub use replay::{
     Difference, MIN_FREE_SPACE_FOR_RECORDING_MB, Player, RecordedPort, Recording, RecordingPlan, RecordingResult,
     RecordingStatus, RecordingSwitch, ReplayResult, disk_full_message, free_mb, recording_file, recordings,

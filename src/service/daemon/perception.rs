@@ -6,7 +6,7 @@
 use super::answers::{MISSING, camera_fault_answer, figure, grade_judgement, reason, unusable_picture_answer};
 use super::corners::CornerLoop;
 use super::error::DaemonError;
-use super::films::{FilmMemory, FilmWatch, FilmedPanel, mask_hash};
+use super::films::{BeginFilm, DryPicture, FilmEvaluation, FilmedPanel};
 use super::ports::{CameraPort, Picture2d, Record};
 use super::setup::CycleSetup;
 use crate::stages::corners::{CornerReference, Progress, Sighting};
@@ -42,7 +42,7 @@ pub(super) struct Perception {
     obstacles: Option<Arc<Obstacles>>,
     /// The points of the panel's region in the scan by which the panel was located, with their errors.
     todays_scan: Arc<TodaysScan>,
-    dry: Option<(Arc<ColorPicture>, f64)>,
+    pub(super) dry: Option<(Arc<ColorPicture>, f64)>,
     /// The films of this cycle, in order.
     pub inspections: Vec<Arc<Inspection>>,
     /// The last picture of the last film.
@@ -52,8 +52,8 @@ pub(super) struct Perception {
 /// A film in progress.
 #[derive(Debug)]
 pub(super) struct FilmInProgress {
-    filming: FilmWatch,
-    /// The data of the panel for this film.
+    filming: Box<dyn FilmEvaluation>,
+    /// The panel in this film.
     pub panel: FilmedPanel,
     /// The time of the film's first picture on the camera's clock, s.
     first_s: Option<f64>,
@@ -103,32 +103,7 @@ impl Perception {
         &self.todays_scan
     }
 
-    /// Returns, as text, the data of the panel's pose on which the results of later phases depend. The obstacles are
-    /// omitted, because they follow from the scan by which the panel was located.
-    pub(super) fn pose_inputs(&self) -> String {
-        let Perception { located, located_mm, place, corners, .. } = self;
-        format!("{located:?} {located_mm:?} {place:?} {corners:?}")
-    }
-
-    /// Returns the text of `pose_inputs` together with the result of the film.
-    pub(super) fn inputs(&self) -> String {
-        let inspections = &self.inspections;
-        let failed: Vec<_> = inspections
-            .last()
-            .map_or(vec![], |film| film.grids.iter().filter(|grid| grid.failed).map(|grid| grid.id).collect());
-        // Areas around water breaks depend on the broken pixels, not only on the failed grids.
-        let broken = inspections.last().map(|film| film.mask());
-        format!("{} {failed:?} {:x}", self.pose_inputs(), mask_hash(broken.as_ref()))
-    }
-
-    /// Copies the films of `other`. With `without_dry`, which is used for a new localization, the dry picture is
-    /// omitted.
-    pub(super) fn copy_films(&mut self, other: &Perception, without_dry: bool) {
-        self.dry = if without_dry { None } else { other.dry.clone() };
-        (self.inspections, self.film_picture) = (other.inspections.clone(), other.film_picture.clone());
-    }
-
-    /// Adds the results of a film that another thread evaluated.
+    /// Adds the results of a film that was evaluated separately.
     pub fn add_film(&mut self, film: Perception) {
         self.inspections.extend(film.inspections);
         if film.film_picture.is_some() {
@@ -223,12 +198,12 @@ impl Perception {
         &self,
         cycle: &CycleSetup,
         (pass, sanded): (u8, Option<Arc<Mask>>),
-        (eyes, memory): (&mut dyn CameraPort, Option<&FilmMemory>),
+        (eyes, begin_film): (&mut dyn CameraPort, &BeginFilm),
         record: &mut dyn Record,
     ) -> Result<Result<FilmInProgress, Answer>, DaemonError> {
         let (Some(place), Some((dry, dry_s))) = (self.place, &self.dry) else { return Ok(Err(MISSING)) };
         let panel = FilmedPanel { place, sanded };
-        match FilmWatch::begin_film(cycle, &panel, (dry, *dry_s), memory) {
+        match begin_film(cycle, &panel, DryPicture { picture: dry, time_s: *dry_s }) {
             Ok(filming) => {
                 let mut filming =
                     FilmInProgress { filming, panel, first_s: None, seen_s: 0.0, elapsed_ms: Vec::new() };

@@ -4,7 +4,7 @@
 use crate::daemon::abrasion::AbrasionWork;
 use crate::daemon::answers::MISSING;
 use crate::daemon::error::DaemonError;
-use crate::daemon::films::FilmMemory;
+use crate::daemon::films::{self, BeginFilm};
 use crate::daemon::live_view::{LiveFilm, LiveFrame, LiveView};
 use crate::daemon::perception::{FilmInProgress, Perception};
 use crate::daemon::ports::{CameraPort, Note, PictureStore, Record, RecordError, StoredPicture};
@@ -51,7 +51,7 @@ pub(in crate::daemon) struct WorkResult {
     pub artifacts: Option<(Perception, AbrasionWork)>,
     pub notes: Vec<Note>,
     /// Whether this is the result of one step of a film.
-    pub(super) is_of_film: bool,
+    pub is_of_film: bool,
 }
 
 impl WorkResult {
@@ -131,15 +131,20 @@ impl NoteBuffer<'_> {
     }
 }
 
+/// The worker of an executor.
+pub(in crate::daemon) trait PerformWork {
+    /// Does one piece of work.
+    fn perform(&mut self, work: WorkInput) -> WorkResult;
+}
+
 /// Does the work; owns the cameras and the film in progress.
-pub(super) struct Worker<'p> {
+pub(in crate::daemon) struct Worker<'p> {
     cameras: Box<dyn CameraPort + Send + 'p>,
     /// Checks whether the calibrations can be read, for a self-test.
     readable: CalibrationCheck,
     keep: Option<PictureStore>,
     filming: Option<FilmInProgress>,
-    /// The memory of the films that were evaluated before.
-    films: Option<FilmMemory>,
+    pub begin_film: Box<BeginFilm>,
     /// The live view for viewers.
     view: LiveView,
 }
@@ -151,21 +156,18 @@ impl<'p> Worker<'p> {
         readable: CalibrationCheck,
         keep: Option<PictureStore>,
     ) -> Self {
-        Worker { cameras, readable, keep, filming: None, films: None, view: LiveView::default() }
-    }
-
-    /// Lets the worker remember films.
-    pub fn enable_film_memory(&mut self, films: FilmMemory) {
-        self.films = Some(films);
+        let begin_film = Box::new(films::begin_film);
+        Worker { cameras, readable, keep, filming: None, begin_film, view: LiveView::default() }
     }
 
     /// Returns the worker with a live view for viewers.
     pub fn with_live_view(self, view: LiveView) -> Self {
         Worker { view, ..self }
     }
+}
 
-    /// Does one piece of work.
-    pub fn perform(&mut self, mut work: WorkInput) -> WorkResult {
+impl PerformWork for Worker<'_> {
+    fn perform(&mut self, mut work: WorkInput) -> WorkResult {
         let mut keep = self.keep.take();
         let view = self.view.clone();
         let setup = work.setup.take();
@@ -192,7 +194,9 @@ impl<'p> Worker<'p> {
             is_of_film,
         }
     }
+}
 
+impl Worker<'_> {
     fn phase(
         &mut self,
         work: &mut WorkInput,
@@ -242,7 +246,7 @@ impl<'p> Worker<'p> {
             (true, None) => Err(MISSING),
             // The film only continues: this step produces no new artifacts.
             (false, _) => {
-                let eyes = (cameras, self.films.as_ref());
+                let eyes = (cameras, &*self.begin_film);
                 let sanded = work.abrasion.sanded_pixels();
                 std::mem::take(&mut work.perception).film(cycle, (work.pass, sanded), eyes, notes)?
             }
