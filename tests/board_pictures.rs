@@ -7,6 +7,7 @@
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use panelprep::calib::{Board, detect, marker_cells};
+use panelprep::geometry::statistics::rms;
 use panelprep::geometry::{Board as BoardFrame, Camera, GrayPicture, PinholeCamera, Pixel, Point, Vector};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -369,7 +370,7 @@ pub fn judge(board: &Board, rendered: &Rendered, found: Option<&detect::Corners>
         let is_there = |q: &Point<BoardFrame>| found.iter().any(|(f, _)| way(*f).distance_mm(*q) < 0.01);
         let missing = rendered.truth.iter().filter(|(q, _, seen)| *seen && !is_there(q)).count();
         let worst = errors.iter().copied().fold(0.0, f64::max);
-        let rms = (errors.iter().map(|e| e * e).sum::<f64>() / errors.len().max(1) as f64).sqrt();
+        let rms = rms(errors.iter().copied());
         (worst, missing, rms)
     });
     let seen = rendered.truth.iter().filter(|(_, _, seen)| *seen).count();

@@ -2,6 +2,7 @@
 //! lines are at most the recipe's step-over, and it covers everything; the uniformity of its dwell time is measured.
 //! `make test` plans a few sets, `make bench-surface` all of them.
 
+use panelprep::geometry::statistics::{QuantileRank, quantile};
 use panelprep::panel::{GridId, TaughtPanel};
 use panelprep::path::{self, Plan};
 use panelprep::recipe::Recipe;
@@ -33,9 +34,7 @@ pub struct Row {
 impl Row {
     /// Returns the dwell ratio that this fraction of the plans does not exceed.
     pub fn dwell_ratio(&self, share: f64) -> f64 {
-        let mut sorted = self.dwell_ratios.clone();
-        sorted.sort_by(f64::total_cmp);
-        sorted.get(((sorted.len().saturating_sub(1)) as f64 * share) as usize).copied().unwrap_or(f64::NAN)
+        quantile(&mut self.dwell_ratios.clone(), share, QuantileRank::Lower).unwrap_or(f64::NAN)
     }
 }
 

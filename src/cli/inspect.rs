@@ -12,6 +12,7 @@ use super::inspected::{self, InspectedClip, Labels, PlacedPanel, abraded_pixels,
 use super::load::{self, CellFiles, LoadedPanel};
 use super::output::{self, Outcome};
 use panelprep_base::geometry::Mask;
+use panelprep_base::geometry::statistics::mean;
 use panelprep_base::verdict::{Judgement, Verdict};
 use panelprep_cell::files;
 use panelprep_cell::labels::{LABELS, MASK};
@@ -167,13 +168,8 @@ fn row(clip: &Path, inspected: &InspectedClip, labels: &Labels) -> Result<Row, F
     })
 }
 
-fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
-    let (sum, count) = values.fold((0.0, 0_usize), |(sum, count), value| (sum + value, count + 1));
-    (count > 0).then(|| sum / count as f64)
-}
-
-/// Returns for each size bin its name, the number of true breaks, and the number of missed breaks.
-fn count_detections_by_size(rows: &[Row]) -> Vec<(String, usize, usize)> {
+/// Returns for each size class its name, the number of true breaks, and how many of them were missed.
+fn detection_by_size(rows: &[Row]) -> Vec<(String, usize, usize)> {
     let breaks = || rows.iter().flat_map(|row| &row.breaks);
     let class = |ends: &[f64]| {
         let of = || breaks().filter(|one| (ends[0]..ends[1]).contains(&one.area_mm2));

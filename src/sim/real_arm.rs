@@ -12,6 +12,7 @@
 
 use super::noise::{NormalStream, RandomPurpose, Seed};
 use nalgebra::{Isometry3, SMatrix, SVector, Translation3, UnitQuaternion, Vector3};
+use panelprep_base::geometry::statistics::mean;
 use panelprep_base::geometry::{Base, Flange, Joints, Rigid, Tool};
 
 /// The distance of the simulated tool's pad from the flange along the flange's axis, mm.
@@ -94,7 +95,7 @@ impl RealArm {
                 }
             }
         }
-        (off_mm2.iter().sum::<f64>() / off_mm2.len() as f64).sqrt()
+        mean(off_mm2).map_or(0.0, f64::sqrt)
     }
 
     /// Returns the flange's true pose at these axis angles.

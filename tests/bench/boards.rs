@@ -15,7 +15,7 @@ use opencv::core::{Mat, Point2f, Ptr, Size, TermCriteria, TermCriteria_COUNT, Te
 use opencv::prelude::*;
 use opencv::{aruco, calib3d, imgproc};
 use panelprep::calib::{Board, detect};
-use panelprep::geometry::{Board as BoardFrame, GrayPicture, Pixel, Point};
+use panelprep::geometry::{Board as BoardFrame, GrayPicture, Pixel, Point, median};
 use std::process::ExitCode;
 use std::time::Instant;
 
@@ -141,9 +141,7 @@ impl Tally {
     }
 
     fn median_s(&self) -> f64 {
-        let mut all = self.seconds.clone();
-        all.sort_by(f64::total_cmp);
-        all.get(all.len() / 2).copied().unwrap_or(0.0)
+        median(&mut self.seconds.clone()).unwrap_or(0.0)
     }
 
     fn worst_s(&self) -> f64 {

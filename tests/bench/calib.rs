@@ -12,6 +12,7 @@ mod uncalibrated;
 use boards::{BAD_ROBOT, Error, FAULTS, GOOD_ROBOT, Lens, POSES, Side};
 use goal::{Figure, larger};
 use panelprep::cell::{FlangeCameraMount, ScannerMount};
+use panelprep::geometry::statistics::{QuantileRank, quantile};
 use panelprep::sim::{BoardCell, BoardShot, RobotNoise};
 use rayon::prelude::*;
 use std::process::ExitCode;
@@ -81,10 +82,9 @@ fn finished(missed: usize) -> ExitCode {
     if missed == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }
 
-/// Returns the quantile of the values for this fraction.
-fn value_quantile(values: &mut [f64], share: f64) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values[((values.len() as f64 * share).ceil() as usize).clamp(1, values.len()) - 1]
+/// Returns the value below which this share of all values lies.
+fn share(values: &mut [f64], share: f64) -> f64 {
+    quantile(values, share, QuantileRank::Covering).expect("values")
 }
 
 fn row(name: &str, good: bool, numbers: &str) -> usize {

@@ -36,6 +36,7 @@ use loopback::served;
 use panelprep::devices::mock::Clock;
 use panelprep::devices::robot::{Address, BlockingLink};
 use panelprep::eki::{ClockMode, Command, LinkLimits, MoveLin, Report, Signal};
+use panelprep::geometry::statistics::{QuantileRank, quantile};
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -143,7 +144,7 @@ fn abort_by_socket() -> bool {
     let (found, done) = link::socket::aborts(SOCKET_TRIALS);
     let among = format!("{} hostile clients ({done} requests of theirs)", link::socket::CLIENTS);
     let figure = Figure("link: abort with 200 hostile clients");
-    report(("abort by the service's socket to the frame", figure), &among, found)
+    report(("abort by the service's socket to the frame", figure), &among, &found)
 }
 
 /// Measures an abort from the service's socket to the wire while the disk of the journal hangs.
@@ -151,19 +152,23 @@ fn abort_on_a_hanging_disk() -> bool {
     let found = link::socket::aborts_on_a_hanging_disk(HANGING_TRIALS);
     let disk = format!("a disk that hangs for {} s", link::socket::HANG_TIME.as_secs());
     let figure = Figure("link: with a hanging disk, p99");
-    report(("abort by the service's socket to the frame", figure), &disk, found)
+    report(("abort by the service's socket to the frame", figure), &disk, &found)
 }
 
 /// Measures an abort from the operator's page to the wire, while others watch the page and one client reads nothing.
 fn abort_on_the_page() -> bool {
     let found = link::socket::aborts_on_the_page(SOCKET_TRIALS, VIEWERS);
     let figure = Figure("link: abort on the operator's page to the STOP frame, p99");
-    report(("abort on the operator's page to the frame", figure), &format!("{VIEWERS} who look on"), found)
+    report(("abort on the operator's page to the frame", figure), &format!("{VIEWERS} who look on"), &found)
 }
 
-fn report((what, figure): (&str, Figure), among: &str, mut found: Vec<Duration>) -> bool {
-    found.sort();
-    let at = |share: f64| found[((found.len() as f64 * share).ceil() as usize).clamp(1, found.len()) - 1];
+/// Returns the time up to which this share of the times lies.
+fn share(times: &[Duration], share: f64) -> Duration {
+    quantile(&mut times.to_vec(), share, QuantileRank::Covering).expect("times")
+}
+
+fn report((what, figure): (&str, Figure), among: &str, found: &[Duration]) -> bool {
+    let at = |part: f64| share(found, part);
     let ms = |share: f64| at(share).as_secs_f64() * 1e3;
     let reached = at(0.99) <= MAX_SOCKET_DELAY;
     figure.report(&format!("{} ms", MAX_SOCKET_DELAY.as_millis()), &format!("{:.1} ms", ms(0.99)), reached);
@@ -263,7 +268,7 @@ fn loopback_rate() -> bool {
 /// busy cores.
 fn stop_latency((name, figure): (&str, Figure), trials: usize, busy: usize, spare: Duration) -> bool {
     let ends = AtomicBool::new(false);
-    let mut found: Vec<Duration> = std::thread::scope(|scope| {
+    let found: Vec<Duration> = std::thread::scope(|scope| {
         for _ in 0..busy {
             scope.spawn(|| {
                 while !ends.load(Ordering::Relaxed) {
@@ -277,8 +282,7 @@ fn stop_latency((name, figure): (&str, Figure), trials: usize, busy: usize, spar
         ends.store(true, Ordering::Relaxed);
         found
     });
-    found.sort_unstable();
-    let at = |share: f64| found[((found.len() as f64 * share).ceil() as usize).clamp(1, found.len()) - 1];
+    let at = |part: f64| share(&found, part);
     let (worst, limit) = (at(0.999), WATCHDOG_TIMEOUT + spare);
     let reached = worst <= limit;
     let ms = |time: Duration| time.as_secs_f64() * 1_000.0;

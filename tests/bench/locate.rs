@@ -5,6 +5,7 @@
 //! and names their Python in `PANELPREP_PEERS`.
 
 use goal::Figure;
+use panelprep::geometry::statistics::{self, QuantileRank};
 use panelprep::geometry::{Base, Camera, Rigid};
 use panelprep::locate::{Fit, LocateError, PreparedScan, RangeErrors, ScanView, TaughtModel, gate};
 use panelprep::panel::TaughtPanel;
@@ -198,8 +199,7 @@ fn share(part: usize, whole: usize) -> f64 {
 }
 
 fn quantile(values: &mut [f64], share: f64) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values.get(((values.len().max(1) - 1) as f64 * share).round() as usize).copied().unwrap_or(f64::NAN)
+    statistics::quantile(values, share, QuantileRank::Nearest).unwrap_or(f64::NAN)
 }
 
 /// Reports the fraction of a number of cases, with its minimum.

@@ -10,6 +10,7 @@
 use goal::Figure;
 use mesh_distance::MeshDistance;
 use panelprep::files::{read_mesh, write_stl};
+use panelprep::geometry::statistics::{self, QuantileRank};
 use panelprep::geometry::{Base, KukaPose, Panel, Rigid};
 use panelprep::locate::{self, Fit, RangeErrors, ScanView};
 use panelprep::nominal::{Part, PartRays, PartView};
@@ -225,8 +226,7 @@ fn open3d(part: &Part, points: &[TodaysPoint]) -> Option<(Vec<f64>, f64)> {
 
 fn quantile(values: impl Iterator<Item = f64>, share: f64) -> f64 {
     let mut values: Vec<f64> = values.collect();
-    values.sort_by(f64::total_cmp);
-    values.get(((values.len().max(1) - 1) as f64 * share).round() as usize).copied().unwrap_or(f64::NAN)
+    statistics::quantile(&mut values, share, QuantileRank::Nearest).unwrap_or(f64::NAN)
 }
 
 fn report(all: &[Compared]) {

@@ -28,4 +28,4 @@ pub use rigid::{
     Rigid, STANDARD_GRAVITY_M_S2, Tool, Vector, fit_rigid_motion,
 };
 pub use smooth_field::{HeightSample, RobustField, SmoothField};
-pub use statistics::{median, median_in_place};
+pub use statistics::{interpolated_median, median};

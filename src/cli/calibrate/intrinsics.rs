@@ -7,6 +7,7 @@ use super::super::output::Outcome;
 use super::args::{Intrinsics as Args, ModelName};
 use super::boards;
 use super::output::{self, provenance, write_calibration};
+use panelprep_base::geometry::statistics::{QuantileRank, quantile};
 use panelprep_base::geometry::{GrayPicture, fit_lens, sample_points};
 use panelprep_base::number_text::distinguishable_texts;
 use panelprep_base::verdict::{Judgement, Reason};
@@ -362,8 +363,7 @@ pub fn run_from_scan(args: &Args, scan: &Path) -> Result<Outcome, Fault> {
         if beyond { reject.push(reason) } else { review.push(reason) }
     }
     let mut depths_mm: Vec<f64> = sample_points(&cloud).iter().map(|(_, point)| point.mm.z).collect();
-    depths_mm.sort_by(f64::total_cmp);
-    let depth = |share: f64| depths_mm[((depths_mm.len() - 1) as f64 * share) as usize];
+    let mut depth = |share: f64| quantile(&mut depths_mm, share, QuantileRank::Lower).unwrap_or(f64::NAN);
     let relief = (depth(0.95) - depth(0.05)) / depth(0.5);
     if relief.is_nan() || relief < MIN_RELATIVE_DEPTH_RANGE {
         let [found, wanted] = distinguishable_texts(100.0 * relief, 100.0 * MIN_RELATIVE_DEPTH_RANGE, 1);

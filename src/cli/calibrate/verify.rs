@@ -18,6 +18,7 @@ use super::arm_correction::{self, CorrectionInUse};
 use super::boards::{self, BoardImage, Target};
 use super::files;
 use super::output::{self, provenance, store_and_judge, verification};
+use panelprep_base::geometry::statistics::rms;
 use panelprep_base::geometry::{Base, Camera, Flange, FlangeCamera, KukaPose, Rigid};
 use panelprep_base::verdict::{Judgement, Reason};
 use panelprep_cell::cell::{BoardSize, MountedPose, TargetMount};
@@ -347,7 +348,7 @@ fn record_verification(
     calibration_hash: String,
 ) -> Result<Outcome, Fault> {
     let worst_mm = left.iter().map(|one| one.error_mm).fold(0.0, f64::max);
-    let rms_mm = (left.iter().map(|one| one.error_mm.powi(2)).sum::<f64>() / left.len() as f64).sqrt();
+    let rms_mm = rms(left.iter().map(|one| one.error_mm));
     let verification = output::verification(files, "flange_camera", worst_mm, calibration_hash);
     let mut outcome = output::store_and_judge(files, &verification, args.pictures.as_deref())?;
     outcome.add_value("rms_mm", json!(rms_mm));

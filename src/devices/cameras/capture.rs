@@ -6,6 +6,7 @@
 //! settings for the same scene, but it cannot judge one setting alone.
 
 use crate::zivid::ZividFault;
+use panelprep_base::geometry::statistics::{QuantileRank, quantile};
 use panelprep_base::geometry::{Base, Camera, ColorPicture, Flange, OrganizedCloud, Rigid};
 use panelprep_cell::files::{ClipError, CloudFileError, PictureError, PoseError};
 use serde::{Deserialize, Serialize};
@@ -336,7 +337,7 @@ impl PictureQuality {
             picture.rgb.iter().filter(|rgb| is_one(rgb)).count() as f64 / pixels
         };
         PictureQuality {
-            sharpness_gray_per_px: quantile(&mut slopes, 1.0 - STEEPEST_FRACTION).unwrap_or(0.0),
+            sharpness_gray_per_px: quantile(&mut slopes, 1.0 - STEEPEST_SHARE, QuantileRank::Floor).unwrap_or(0.0),
             saturated_share: share(&|rgb| rgb.iter().any(|level| *level >= MIN_SATURATED_LEVEL)),
             dark_share: share(&|rgb| rgb.iter().all(|level| *level < MAX_DARK_LEVEL)),
             mean_gray: gray.gray.iter().map(|level| f64::from(*level)).sum::<f64>() / pixels,
@@ -361,19 +362,13 @@ impl ScanQuality {
         let mut depths: Vec<f64> = cloud.valid_points().map(|(_, point)| point.mm.z).collect();
         let points = depths.len();
         let pixels = (cloud.width() * cloud.height()).max(1);
-        let mut at = |share: f64| quantile(&mut depths, share);
+        let mut at = |share: f64| quantile(&mut depths, share, QuantileRank::Floor);
         let depth_mm = match (at(0.05), at(0.5), at(0.95)) {
             (Some(near), Some(middle), Some(far)) => Some([near, middle, far]),
             _ => None,
         };
         ScanQuality { points, missing_share: 1.0 - points as f64 / pixels as f64, depth_mm }
     }
-}
-
-/// Returns the quantile of the values at this fraction; `None` if there are no values.
-fn quantile(values: &mut [f64], share: f64) -> Option<f64> {
-    let index = ((values.len() as f64 * share) as usize).min(values.len().checked_sub(1)?);
-    Some(*values.select_nth_unstable_by(index, f64::total_cmp).1)
 }
 
 #[cfg(test)]

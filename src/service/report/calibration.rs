@@ -9,6 +9,7 @@
 
 use super::canvas::{Canvas, InkColor, PenWidth};
 use maud::{Markup, html};
+use panelprep_base::geometry::statistics::rms;
 use panelprep_base::geometry::{Base, Camera, ColorPicture, PinholeCamera, Pixel, Point, REFERENCE_DEPTH_MM};
 use panelprep_cell::imaging::ImagingError;
 use panelprep_vision::calib::Board;
@@ -204,8 +205,8 @@ pub fn error_map(title: &str, places: &[RemainingError], limit_mm: f64) -> Strin
     let width = 2.0 * (VIEW_SIDE_PX + VIEW_MARGIN_PX) + VIEW_MARGIN_PX;
     let height = VIEW_TOP_PX + VIEW_SIDE_PX + VIEW_MARGIN_PX;
     let worst_mm = places.iter().map(|left| left.error_mm).fold(0.0, f64::max);
-    let rms_mm = (places.iter().map(|left| left.error_mm.powi(2)).sum::<f64>() / places.len().max(1) as f64).sqrt();
-    // All axes have the same scale, so that the views are not distorted.
+    let rms_mm = rms(places.iter().map(|left| left.error_mm));
+    // All axes have the same scale, so that a view is not distorted.
     let coordinates = |axis: usize| places.iter().map(move |left| left.place.mm[axis]);
     let bounds = [0, 1, 2].map(|axis| {
         let (low, high) =

@@ -7,7 +7,7 @@
 
 use super::past_cycle::{PastCycle, grid_row_and_column};
 use super::western_electric::{Hint, UsualRange, find_violations, usual_range};
-use panelprep_base::geometry::median_in_place;
+use panelprep_base::geometry::interpolated_median;
 use panelprep_base::verdict::{Check, Limit};
 use panelprep_cell::record::{CycleId, Kind, name};
 use serde::Serialize;
@@ -333,7 +333,7 @@ pub fn heat_map(cycles: &[PastCycle]) -> HeatMap {
     }
     let cell =
         |((row, column), (grid, films, breaks, mut times_s)): ((u32, u32), (String, usize, usize, Vec<f64>))| {
-            HeatCell { grid, row, column, films, breaks, median_s: median_in_place(&mut times_s) }
+            HeatCell { grid, row, column, films, breaks, median_s: interpolated_median(&mut times_s) }
         };
     HeatMap { films, grids: all.into_iter().map(cell).collect() }
 }

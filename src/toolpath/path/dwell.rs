@@ -14,6 +14,7 @@ use super::areas::Piece;
 use super::planned::Plan;
 pub use crate::surface::dwell::{Dwell, ExecutedPose, GridDwell, simulate, simulate_treated};
 use crate::surface::{BSplineSurface, DwellSpread, Parameter, ParameterPatch, SampleGrid};
+use panelprep_base::geometry::statistics::{QuantileRank, quantile};
 use panelprep_base::geometry::{Panel, Point};
 use panelprep_cell::panel::{GridId, Region};
 use panelprep_cell::recipe;
@@ -231,7 +232,6 @@ fn inverse_feeds(lines: &[&Line], places: &[UniformSamples], radius_mm: f64, set
 }
 
 fn target_time_s(mut times_s: Vec<f64>, of_endless_rows_s: f64) -> f64 {
-    times_s.sort_by(f64::total_cmp);
-    let long_s = times_s.get((times_s.len() as f64 * TARGET_QUANTILE) as usize).copied().unwrap_or_default();
+    let long_s = quantile(&mut times_s, TARGET_QUANTILE, QuantileRank::Floor).unwrap_or_default();
     long_s.max(of_endless_rows_s)
 }

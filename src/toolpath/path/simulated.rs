@@ -4,6 +4,7 @@ use super::panel_reach::{self, ReachSetup};
 use super::{Kinematics, Plan, judge, plan};
 use crate::surface::{Fit, fit};
 use nalgebra::{Isometry3, Rotation3, Translation3, Vector3};
+use panelprep_base::geometry::statistics::{QuantileRank, mean, quantile};
 use panelprep_base::geometry::{Base, Degrees, KukaPose, Panel, Rigid, Tool, Vector};
 use panelprep_base::verdict::{Judgement, Verdict};
 use panelprep_cell::panel::{GridId, TaughtPanel};
@@ -69,17 +70,15 @@ fn measured(seed: u64, reduction: usize, [roll, pitch, yaw]: [f64; 3]) -> Measur
         distances.push(truth.distance_mm(panel_from_tool.origin()).abs());
         angles.push(outward.angle_between(truth.normal(panel_from_tool.origin())).0);
     }
-    distances.sort_by(f64::total_cmp);
-    angles.sort_by(f64::total_cmp);
-    let at = |values: &[f64], share: f64| values[((values.len() - 1) as f64 * share) as usize];
+    let at = |values: &mut [f64], share: f64| quantile(values, share, QuantileRank::Lower).expect("waypoints");
     Measured {
         verdict: judge(&plan, recipe.path()).verdict.keyword(),
         surface_mm: [
-            distances.iter().sum::<f64>() / distances.len() as f64,
-            at(&distances, 0.95),
-            at(&distances, 1.0),
+            mean(distances.iter().copied()).expect("waypoints"),
+            at(&mut distances, 0.95),
+            at(&mut distances, 1.0),
         ],
-        normal_deg: [at(&angles, 0.95), at(&angles, 1.0)],
+        normal_deg: [at(&mut angles, 0.95), at(&mut angles, 1.0)],
         plan,
     }
 }

@@ -13,8 +13,8 @@ use super::coupons::{Coupon, CouponTool};
 use super::model::MM2_PER_M2;
 use super::power::{DiscScatter, ForceExponents, Line, Power, fit_line};
 use nalgebra::{DMatrix, DVector, Matrix2};
+use panelprep_base::geometry::statistics::{rms, student_95, student_quantile};
 use panelprep_base::number_text::{distinguishable_texts, fixed_decimals};
-use panelprep_vision::calib::{student_95, student_quantile};
 
 /// Minimum number of coupons: two for the two parameters, and four more for their uncertainty.
 pub const MIN_COUPONS: usize = 6;
@@ -95,8 +95,7 @@ impl CouponFit {
 
     /// Returns the relative rms deviation of the coupons from their predictions in the cross-validation.
     pub fn cross_validation_rms(&self) -> f64 {
-        let off: Vec<f64> = self.left_out_coupons.iter().flatten().map(|one| one.deviation).collect();
-        (off.iter().map(|off| off * off).sum::<f64>() / off.len().max(1) as f64).sqrt()
+        rms(self.left_out_coupons.iter().flatten().map(|one| one.deviation))
     }
 }
 

@@ -10,8 +10,8 @@
 use super::power::{MIN_LEVEL_RATIO, Power};
 use super::speed::Orbit;
 use nalgebra::Matrix2;
+use panelprep_base::geometry::statistics::student_95;
 use panelprep_cell::cell::RemovalNumbers;
-use panelprep_vision::calib::student_95;
 
 /// Square millimetres per square metre.
 pub const MM2_PER_M2: f64 = 1e6;

@@ -14,7 +14,7 @@
 
 use super::coupons::Coupon;
 use nalgebra::{DMatrix, DVector};
-use panelprep_vision::calib::student_95;
+use panelprep_base::geometry::statistics::student_95;
 
 /// Minimum ratio of the coupons' largest to smallest force, or number of passes, at which the coupons show how the
 /// depth depends on this quantity.

@@ -18,7 +18,9 @@ use super::map::{DeviationMap, MapPixel};
 use super::samples::{FitError, MIN_PIXELS, Sample, Samples, knots, sides_mm, thesis_controls, thesis_knots};
 use nalgebra::{Point2, Vector3};
 use panelprep_base::geometry::basis::KnotVector;
-use panelprep_base::geometry::statistics::{SIGMA_OF_MEDIAN, TUKEY_CONSTANT, tukey_weight};
+use panelprep_base::geometry::statistics::{
+    QuantileRank, SIGMA_OF_MEDIAN, TUKEY_CONSTANT, quantile, rms, tukey_weight,
+};
 use panelprep_base::geometry::{Panel, Pixel, Point, median};
 use panelprep_cell::panel::{Region, TaughtPanel};
 use panelprep_cell::recipe::{self, FitMethod};
@@ -263,8 +265,8 @@ impl FitInputs<'_> {
         Deviation {
             points: kept.len(),
             rejected,
-            rms_mm: (kept.iter().map(|r| r * r).sum::<f64>() / kept.len().max(1) as f64).sqrt(),
-            p95_mm: quantile(&mut kept, 0.95),
+            rms_mm: rms(kept.iter().copied()),
+            p95_mm: quantile(&mut kept, 0.95, QuantileRank::Nearest).unwrap_or(0.0),
             largest_mm: kept.iter().copied().fold(0.0, f64::max),
             noise_mm: noise_mm(self.samples, residuals),
             smoothing: 0.0,
@@ -285,20 +287,12 @@ fn noise_mm(samples: &Samples, residuals: &[Vec<f64>]) -> f64 {
         bends.filter(|(three, _)| neighbours(three)).map(|(_, r)| (r[0] - 2.0 * r[1] + r[2]).abs()).collect()
     };
     let of_bands: Vec<Vec<f64>> = samples.bands.par_iter().zip(residuals).map(of_band).collect();
-    SIGMA_OF_MEDIAN * quantile(&mut of_bands.concat(), 0.5) / 6.0_f64.sqrt()
+    let middle = quantile(&mut of_bands.concat(), 0.5, QuantileRank::Nearest).unwrap_or(0.0);
+    SIGMA_OF_MEDIAN * middle / 6.0_f64.sqrt()
 }
 
 /// Returns σ of normally distributed noise with the same median absolute deviation, mm.
 fn scale_mm(residuals: &[Vec<f64>]) -> f64 {
     let mut sizes: Vec<f64> = residuals.iter().flatten().map(|r| r.abs()).collect();
     (SIGMA_OF_MEDIAN * median(&mut sizes).unwrap_or(0.0)).max(MIN_SCALE_MM)
-}
-
-/// Returns the quantile of the values for this fraction; 0 without values. The values are reordered.
-fn quantile(values: &mut [f64], share: f64) -> f64 {
-    if values.is_empty() {
-        return 0.0;
-    }
-    let index = ((values.len() - 1) as f64 * share).round() as usize;
-    *values.select_nth_unstable_by(index, f64::total_cmp).1
 }

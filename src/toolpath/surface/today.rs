@@ -10,6 +10,7 @@ use super::bspline::{BSplineSurface, Parameter, SurfaceError};
 use super::map::{DeviationMap, MapPixel};
 use super::patch::sides_mm;
 use nalgebra::Point2;
+use panelprep_base::geometry::statistics::rms;
 use panelprep_base::geometry::{
     Camera, HeightSample, OrganizedCloud, Panel, Point, RasterSize, Rigid, RobustField, SmoothField, Vector,
 };
@@ -146,7 +147,8 @@ pub fn correct_taught_surface(
     // Includes points far from the taught surface, which do not belong to the panel.
     let off_mm: Vec<f64> =
         seen.par_iter().map(|height| (height.height_mm - field.height_at(height.position)).abs()).collect();
-    let squares: Vec<f64> = off_mm.iter().filter(|off_mm| **off_mm < limit_mm).map(|mm| mm.powi(2)).collect();
+    let near_mm = off_mm.iter().copied().filter(|off_mm| *off_mm < limit_mm);
+    let rms_mm = rms(near_mm);
     let mut cells = Cells::new(sides_mm, max_hole_mm / 2.0);
     seen.iter().zip(&off_mm).for_each(|(height, off_mm)| cells.count(height.position, *off_mm < limit_mm));
     let map = map.fill_region(|pixel| {
@@ -164,7 +166,7 @@ pub fn correct_taught_surface(
     Ok(TodaysSurfaceFit {
         surface,
         largest_mm: middles.map(|at| field.height_at(at).abs()).fold(0.0, f64::max),
-        rms_mm: (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt(),
+        rms_mm,
         missing_percent: cells.missing_percent(),
         largest_hole_mm: cells.largest_hole_mm(),
         map,

@@ -31,7 +31,7 @@ use super::error::CalibError;
 use super::foreign;
 use nalgebra::allocator::Allocator;
 use nalgebra::{DefaultAllocator, Dim, Isometry3, Matrix3, Matrix6, OMatrix, SMatrix, SVector};
-use panelprep_base::geometry::{Base, Board, Flange, Frame, PinholeCamera, Point, Rigid};
+use panelprep_base::geometry::{Base, Board, Flange, Frame, PinholeCamera, Point, Rigid, median};
 use panelprep_cell::cell::LensCovariance;
 
 /// Standard deviations of the corners and of the flange poses, estimated from the residuals.
@@ -356,10 +356,8 @@ fn medoid<A: Arrangement>(
             places.iter().map(|&place| board.distance_at_mm(*other, place)).sum::<f64>() / places.len() as f64
         };
         let distances: Vec<f64> = boards.iter().map(apart).collect();
-        let mut sorted = distances.clone();
-        sorted.sort_by(f64::total_cmp);
-        // The first value is the distance of the station from itself, zero: this index gives the median of the others.
-        (sorted[(sorted.len()) / 2], distances)
+        // One value is the station's distance from itself, zero: this is the median of the others.
+        (median(&mut distances.clone()).unwrap_or(f64::INFINITY), distances)
     };
     let mut all = boards.iter().map(|board| (*board, distances(board)));
     let first =

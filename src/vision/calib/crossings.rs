@@ -14,6 +14,7 @@
 //! board. The number of edge evaluations is counted and limited.
 
 use nalgebra::Vector2;
+use panelprep_base::geometry::statistics::NORMAL_HALF;
 use panelprep_base::geometry::{GrayPicture, Pixel};
 use rayon::prelude::*;
 use std::collections::{BTreeMap, VecDeque};
@@ -130,8 +131,8 @@ pub(super) fn noise(picture: &GrayPicture) -> f64 {
         below += count;
         2 * below > all
     });
-    // The gain of the operator is 6, and half of normally distributed noise is within 0.674 standard deviations.
-    median.unwrap_or(0) as f64 / (6.0 * 0.674)
+    // The operator's gain is 6.
+    median.unwrap_or(0) as f64 / (6.0 * NORMAL_HALF)
 }
 
 /// Returns the crossings of edges in a picture, at most [`MAX_CROSSINGS`].

@@ -13,8 +13,8 @@
 //! sensor whose only scatter is its resolution. Measured values whose attitudes do not differ enough do not determine
 //! the payload and are refused.
 
-use super::quantile::student_95;
 use panelprep_base::geometry::STANDARD_GRAVITY_M_S2;
+use panelprep_base::geometry::statistics::student_95;
 use panelprep_base::number_text::distinguishable_texts;
 use panelprep_cell::force::SensorLoad;
 

@@ -19,11 +19,12 @@ use super::adjust::{MIN_ROTATION_SPREAD_DEG, MountAdjustment, covariance_at};
 use super::board::Board;
 use super::chain::{Arrangement, BoardObservation, BoardPose, LengthFactor, Station, Twist, board_pose, log};
 use super::error::{CalibError, PoseReading};
-use super::quantile::{f_quantile, radius_95};
+use super::quantile::radius_95;
 use super::square::SquareSize;
 use super::station_diagnosis::SuspectStation;
 use super::{adjust, quantile, readings, square, station_diagnosis};
 use nalgebra::{Isometry3, Matrix3, Translation3, UnitQuaternion, Vector3};
+use panelprep_base::geometry::statistics::{f_quantile, mean};
 use panelprep_base::geometry::{
     Base, Board as BoardFrame, Degrees, Flange, Frame, KukaPose, PinholeCamera, Point, Rigid, Vector,
 };
@@ -223,8 +224,8 @@ pub fn hand_eye<A: Arrangement>(
     let uncertainty_mm = with_size_uncertainty(radius_mm, &adjusted, [size.as_ref(), focal.as_ref()], middle);
     let leave_one_out = all.leave_one_out(&adjusted, &used, middle);
     let over_used = |value: fn(&Residual) -> f64| {
-        let squares: Vec<f64> = residuals.iter().filter(|r| r.used).map(|r| value(r).powi(2)).collect();
-        (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
+        let squares = residuals.iter().filter(|r| r.used).map(|r| value(r).powi(2));
+        mean(squares).map_or(f64::NAN, f64::sqrt)
     };
     let suspects = match true_size {
         // The poses are correct if only the stated size of the squares contradicts them.

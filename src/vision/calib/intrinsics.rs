@@ -28,6 +28,7 @@ use super::lens_fit::{LensFit, LensGram};
 pub use super::lens_support::{LensSupport, NextPicture};
 use super::{foreign, lens_fit, lens_support};
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
+use panelprep_base::geometry::statistics::mean;
 use panelprep_base::geometry::{Board, Camera, PinholeCamera, Pixel, Point, Rigid, median};
 use panelprep_base::number_text::distinguishable_texts;
 use panelprep_cell::cell::LensCovariance;
@@ -263,8 +264,7 @@ fn compute_residuals(camera: &PinholeCamera, pose: &Rigid<Camera, Board>, view: 
 }
 
 fn rms_px(residuals: &[CornerResidual]) -> f64 {
-    let square: f64 = residuals.iter().map(|r| r.du_px.powi(2) + r.dv_px.powi(2)).sum();
-    (square / residuals.len().max(1) as f64).sqrt()
+    mean(residuals.iter().map(|r| r.du_px.powi(2) + r.dv_px.powi(2))).map_or(0.0, f64::sqrt)
 }
 
 /// Returns the index of the worst picture and the limit that its residual exceeds.
@@ -359,7 +359,7 @@ fn sum_of_squares(pictures: &[LeftOutDistances]) -> f64 {
 }
 
 fn mean_square(picture: &LeftOutDistances) -> f64 {
-    picture.iter().map(|px| px * px).sum::<f64>() / picture.len().max(1) as f64
+    mean(picture.iter().map(|px| px * px)).unwrap_or(0.0)
 }
 
 fn trial(model: LensModel, pictures: Option<&Vec<LeftOutDistances>>, best: &[LeftOutDistances]) -> ModelTrial {

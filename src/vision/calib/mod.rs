@@ -64,6 +64,5 @@ pub use chain::{Arrangement, BoardObservation, BoardPose, Station, board_pose};
 pub use charuco::marker_cells;
 pub use error::{CalibError, PoseInterpretation, PoseReading};
 pub use hand_eye::{HandEye, Residual, Suggestion, suggest_next_pose};
-pub use quantile::{student_95, student_quantile};
 pub use square::SquareSize;
 pub use station_diagnosis::{StationFault, SuspectStation};

@@ -14,6 +14,7 @@ use super::print::{MatchWindow, Print, PrintMatch};
 use super::saddle::Saddle;
 use super::{foreign, saddle};
 use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3};
+use panelprep_base::geometry::statistics::{QuantileRank, quantile};
 use panelprep_base::geometry::{Board as BoardFrame, GrayPicture, Pixel, Point, median};
 use panelprep_cell::imaging::ImagingError;
 use std::collections::BTreeMap;
@@ -480,8 +481,7 @@ pub(super) fn inflate_uncertainty(
     let usual = |q: Point<BoardFrame>| {
         let near = all.iter().filter(|(other, _)| other.distance_mm(q) < CONTRAST_RADIUS_SQUARES * square_mm);
         let mut contrasts: Vec<f64> = near.map(|(_, contrast)| *contrast).collect();
-        contrasts.sort_by(f64::total_cmp);
-        contrasts.get(3 * contrasts.len() / 4).copied().unwrap_or(0.0)
+        quantile(&mut contrasts, 0.75, QuantileRank::Floor).unwrap_or(0.0)
     };
     let doubt = |(q, placed): (Point<BoardFrame>, CornerEstimate)| {
         let lost = (1.0 - placed.contrast / usual(q).max(1.0) - MIN_LOST_CONTRAST).max(0.0);

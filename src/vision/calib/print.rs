@@ -10,6 +10,7 @@
 
 use super::board::Board;
 use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3};
+use panelprep_base::geometry::statistics::{NORMAL_HALF, rms};
 use panelprep_base::geometry::{GrayPicture, Pixel, median};
 
 /// The print on a board.
@@ -273,8 +274,8 @@ fn fit_print(drawn: &RenderedWindow, noise: f64) -> Option<PrintMatch> {
         let factor = normal.cholesky()?;
         let found = factor.solve(&pull);
         let left: Vec<f64> = drawn.pixels.iter().map(|seen| seen.gray - by(seen).dot(&found)).collect();
-        let usual = median(&mut left.iter().map(|left| left.abs()).collect::<Vec<_>>())? / 0.674;
-        let scale = 2.5 * usual.max(noise).max(MIN_RELATIVE_RESIDUAL * found[3].abs()).max(0.5);
+        let usual = median(&mut left.iter().map(|left| left.abs()).collect::<Vec<_>>())? / NORMAL_HALF;
+        let scale = 2.5 * usual.max(noise).max(MIN_RESIDUAL_SHARE * found[3].abs()).max(0.5);
         weights = left.iter().map(|left| (1.0 + (left / scale).powi(2)).powi(-2)).collect();
         last = Some((found, factor, left, scale));
     }
@@ -286,7 +287,7 @@ fn fit_print(drawn: &RenderedWindow, noise: f64) -> Option<PrintMatch> {
         seen.map(|(seen, _)| seen.slope.norm_squared()).sum::<f64>()
     };
     let part = (edges(scale) / edges(f64::INFINITY)).min(near.len() as f64 / left.len() as f64);
-    let rms = (near.iter().map(|left| left * left).sum::<f64>() / near.len().max(1) as f64).sqrt();
+    let rms = rms(near.iter().copied());
     let contrast = found[3];
     let beyond = (rms * rms - 1.5 * noise * noise).max(0.0).sqrt();
     if part < MIN_PRINT_FRACTION || contrast.abs() < MIN_CONTRAST || beyond > MAX_RELATIVE_RESIDUAL * contrast.abs()

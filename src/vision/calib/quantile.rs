@@ -17,28 +17,8 @@
 
 use super::chain::Twist;
 use nalgebra::{DMatrix, Matrix3};
+use panelprep_base::geometry::statistics::f_quantile;
 use panelprep_base::geometry::{Base, Flange, Rigid};
-use statrs::distribution::{ContinuousCDF, FisherSnedecor, StudentsT};
-
-/// Returns the quantile of the F distribution with these degrees of freedom at this probability.
-///
-/// Degrees of freedom below 1 are treated as 1: with so little redundancy any statement is a guess, and the quantile
-/// for 1 is the largest.
-pub(super) fn f_quantile(numerator: f64, denominator: f64, probability: f64) -> f64 {
-    FisherSnedecor::new(numerator.max(1.0), denominator.clamp(1.0, 1e5))
-        .map_or(f64::INFINITY, |f| f.inverse_cdf(probability))
-}
-
-/// Returns the quantile of Student's distribution at this probability. A redundancy below 1 is treated as 1, as in
-/// `f_quantile`.
-pub fn student_quantile(redundancy: f64, probability: f64) -> f64 {
-    StudentsT::new(0.0, 1.0, redundancy.clamp(1.0, 1e5)).map_or(f64::INFINITY, |t| t.inverse_cdf(probability))
-}
-
-/// Returns the half width of the 95 % confidence interval in standard errors, for this redundancy.
-pub fn student_95(redundancy: f64) -> f64 {
-    student_quantile(redundancy, 0.975)
-}
 
 /// Returns the radius of the sphere that contains a normally distributed error with 95 % probability. The covariance,
 /// mm², was estimated with `redundancy` degrees of freedom. The sum of three unequal squares is approximated by one χ²
@@ -118,13 +98,11 @@ mod tests {
     use rand::{RngExt, SeedableRng};
     use rand_pcg::Pcg64;
 
-    /// Expected values from tables: the 95 % quantile of χ² with three degrees of freedom is 7.815, that of F(3, 12) is
-    /// 3.49; with only one dimension the value is 1.96.
+    /// From tables: the 95 % quantile of χ² with three degrees of freedom is 7.815; with only one dimension the value is
+    /// 1.96.
     #[test]
-    fn quantiles_and_radii_agree_with_tables() {
+    fn radii_agree_with_tables() {
         assert!((radius_95(&Matrix3::identity(), 1e5) - 7.815_f64.sqrt()).abs() < 0.003);
-        assert!((f_quantile(3.0, 12.0, 0.95) - 3.490).abs() < 0.002);
-        assert!((student_95(10.0) - 2.228).abs() < 1e-3 && (student_95(1.0) - 12.706).abs() < 1e-3);
         let line = Matrix3::from_diagonal(&nalgebra::Vector3::new(4.0, 0.0, 0.0));
         assert!((radius_95(&line, 1e5) - 2.0 * 1.96).abs() < 0.01);
         assert_eq!(radius_95(&Matrix3::zeros(), 10.0), 0.0);

@@ -23,6 +23,7 @@ use super::quantile::radius_95;
 pub use super::robot_settle::{ArmTouch, ArmView, Rig, RigKind, RobotData, TouchTarget};
 use super::robot_settle::{ConvergedState, REPEATABILITY_MM, State, levenberg_marquardt};
 use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, Vector3};
+use panelprep_base::geometry::statistics::{NORMAL_TWO_SIDED_95, mean};
 use panelprep_base::geometry::{Base, Flange, Joints, Point, Rigid};
 use panelprep_base::number_text::distinguishable_texts;
 
@@ -102,7 +103,7 @@ pub fn calibrate(data: &RobotData) -> Result<RobotFound, CalibError> {
         EstimatedParameter {
             name,
             value: value * unit,
-            uncertainty: 1.96 * deviation * unit,
+            uncertainty: NORMAL_TWO_SIDED_95 * deviation * unit,
             remaining_share: deviation / usual[index],
         }
     });
@@ -184,8 +185,7 @@ fn scatter_mm(full: &ConvergedState, data: &RobotData, left_out: &[LeftOutError]
 type LeftOutError = (usize, Vector3<f64>);
 
 fn rms_mm(left_out: &[LeftOutError]) -> f64 {
-    let square: f64 = left_out.iter().map(|(_, off)| off.norm_squared()).sum();
-    (square / left_out.len().max(1) as f64).sqrt()
+    mean(left_out.iter().map(|(_, off)| off.norm_squared())).map_or(0.0, f64::sqrt)
 }
 
 fn first_touch(data: &RobotData, spot: usize) -> Vector3<f64> {

@@ -13,8 +13,8 @@
 use super::adjust;
 use super::adjust::{MountAdjustment, prior_weights, scaled_inverse};
 use super::chain::{Arrangement, BoardObservation, Chain, LengthFactor, Station};
-use super::quantile::student_quantile;
 use nalgebra::{Isometry3, SMatrix, SVector};
+use panelprep_base::geometry::statistics::student_quantile;
 use panelprep_base::geometry::{Board, Frame, PinholeCamera, Point};
 use panelprep_cell::cell::LensCovariance;
 

@@ -21,6 +21,7 @@ use super::error::InspectError;
 use super::gate::MIN_CHANGE_TO_NOISE;
 use super::score::{Score, score};
 use super::thesis;
+use panelprep_base::geometry::statistics::{QuantileRank, quantile};
 use panelprep_base::geometry::{ColorPicture, Mask, median};
 use panelprep_cell::panel::GridId;
 use panelprep_cell::recipe;
@@ -166,10 +167,12 @@ impl Sampler {
             self.dry.iter().map(|sum| sum.map(|sum| (sum / self.dry_pictures).min(255) as u8)).collect();
         let mut brightness: Vec<f64> = dry.iter().map(|rgb| rgb.iter().copied().map(f64::from).sum()).collect();
         let whole = brightness.iter().sum::<f64>() / count;
-        brightness.sort_by(f64::total_cmp);
-        let part = |share: f64| brightness[((count - 1.0) * share) as usize] / whole.max(f64::MIN_POSITIVE);
+        let mut part = |share: f64| {
+            let level = quantile(&mut brightness, share, QuantileRank::Lower)?;
+            Some(level / whole.max(f64::MIN_POSITIVE))
+        };
         Some(Advice {
-            evenness: [part(0.05), part(0.95)],
+            evenness: [part(0.05)?, part(0.95)?],
             overexposed: dry.iter().filter(|rgb| rgb.iter().any(|&value| value >= 250)).count() as f64 / count,
             threshold: ((settings.gain() * change / 2.0 + settings.bias()).round() as usize).clamp(1, 255),
             hsv: hsv_range(&dry).ok()?,

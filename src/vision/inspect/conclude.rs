@@ -16,6 +16,7 @@ use super::observed::{ComparisonReference, GridInspection, Observation};
 use super::sanded::SandedPixels;
 use super::thesis::NOT_BROKEN;
 use super::watch::FilmWatch;
+use panelprep_base::geometry::statistics::mean;
 use panelprep_base::geometry::{ALL_NEIGHBOURS, Mask, Pixel};
 use panelprep_base::verdict::{Check, Judgement};
 use panelprep_cell::imaging;
@@ -327,11 +328,10 @@ pub fn initially_wet_pixels(window: &Window, known: &DrynessInputs<'_>) -> Vec<u
     let was_wet = |piece: &Vec<usize>| {
         let never_wet = piece.iter().filter(|i| (known.never_wet)(**i)).count() as f64;
         piece.len() >= MIN_COMPONENT_PX
-            && never_wet >= MIN_NEVER_WET_FRACTION * piece.len() as f64
-            && mean(&surrounding_pixels(window, piece, known), known.dry)
-                .zip(mean(piece, known.dry))
-                // The limit is halfway between the dry brightness of the surroundings and the brightness of a film over
-                // them.
+            && never_wet >= MIN_NEVER_WET_SHARE * piece.len() as f64
+            && mean(surrounding_pixels(window, piece, known).into_iter().map(known.dry))
+                .zip(mean(piece.iter().copied().map(known.dry)))
+                // The limit is halfway between the look of the dry surroundings and that of a film over them.
                 .is_some_and(|(around, own)| own < around * (1.0 + known.film) / 2.0)
     };
     window
@@ -341,10 +341,6 @@ pub fn initially_wet_pixels(window: &Window, known: &DrynessInputs<'_>) -> Vec<u
         .filter(was_wet)
         .flatten()
         .collect()
-}
-
-fn mean(pixels: &[usize], of: impl Fn(usize) -> f64) -> Option<f64> {
-    (!pixels.is_empty()).then(|| pixels.iter().map(|&i| of(i)).sum::<f64>() / pixels.len() as f64)
 }
 
 fn surrounding_pixels(window: &Window, piece: &[usize], known: &DrynessInputs<'_>) -> Vec<usize> {

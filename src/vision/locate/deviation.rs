@@ -15,6 +15,7 @@ use super::fit::{FitInputs, FitState, Residuals, Samples, fit};
 use super::grid::spread_indices;
 use super::model::Model;
 use nalgebra::{Matrix3, Vector3};
+use panelprep_base::geometry::statistics::rms;
 use panelprep_base::geometry::{HeightSample, RobustField, SmoothField};
 
 /// Approximate number of samples to which the field is fitted. For a panel of 330 × 220 mm this is forty samples per
@@ -156,7 +157,7 @@ impl Deviation {
         let sizes: Vec<f64> = of_panel.iter().map(|(row, there_mm)| there_mm - rigid.dot(row)).collect();
         let mut deviation = Deviation { plane, field, low_mm, sides_mm, rigid, largest_mm: 0.0, rms_mm: 0.0 };
         deviation.largest_mm = sizes.iter().fold(0.0, |largest, mm| mm.abs().max(largest));
-        deviation.rms_mm = (sizes.iter().map(|mm| mm * mm).sum::<f64>() / sizes.len().max(1) as f64).sqrt();
+        deviation.rms_mm = rms(sizes.iter().copied());
         Some(deviation)
     }
 

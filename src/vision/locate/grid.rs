@@ -9,7 +9,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 use panelprep_base::geometry::{
-    Base, Camera, OrganizedCloud, PinholeCamera, Pixel, Point, Rigid, median, median_in_place,
+    Base, Camera, OrganizedCloud, PinholeCamera, Pixel, Point, Rigid, interpolated_median, median,
 };
 use rayon::prelude::*;
 
@@ -195,7 +195,7 @@ fn slanted_inverse(factor: usize, block_rad: f64, depth: impl Fn(usize, usize) -
     let slope = |step: usize, ends: &dyn Fn(usize) -> bool| {
         let pairs = (0..inverse.len()).filter(|&k| !ends(k));
         let mut slopes: Vec<f64> = pairs.filter_map(|k| Some(inverse[k + step]? - inverse[k]?)).collect();
-        median_in_place(&mut slopes)
+        interpolated_median(&mut slopes)
     };
     let (Some(right), Some(down)) =
         (slope(1, &|k| place(k).0 + 1 == factor), slope(factor, &|k| place(k).1 + 1 == factor))
@@ -208,8 +208,8 @@ fn slanted_inverse(factor: usize, block_rad: f64, depth: impl Fn(usize, usize) -
         inverse.map(|inverse| inverse - right * (u as f64 - middle) - down * (v as f64 - middle))
     };
     let levels: Vec<f64> = inverse.iter().enumerate().filter_map(level).collect();
-    let Some(middle) = median_in_place(&mut levels.clone()) else { return f32::NAN };
-    // The slope is relative to the depth: dz / z = −z d(1/z).
+    let Some(middle) = interpolated_median(&mut levels.clone()) else { return f32::NAN };
+    // The slope is compared relative to the depth: dz / z = −z d(1/z).
     let steepest = factor as f64 * right.hypot(down) / middle;
     let near = |level: &&f64| (*level / middle - 1.0).abs() <= MAX_SLANTED_DEVIATION_SIDES * block_rad;
     let count = levels.iter().filter(near).count();

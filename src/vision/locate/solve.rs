@@ -9,7 +9,7 @@
 //! bit-identical for any number of threads.
 
 use nalgebra::{Isometry3, Matrix6, Translation3, UnitQuaternion, Vector3, Vector6};
-use panelprep_base::geometry::statistics::SIGMA_OF_MEDIAN;
+use panelprep_base::geometry::statistics::{SIGMA_OF_MEDIAN, tukey_weight_within};
 use panelprep_base::geometry::{Camera, Panel, Rigid, median};
 use rayon::prelude::*;
 
@@ -55,8 +55,7 @@ pub(super) struct ResidualWeighting {
 impl ResidualWeighting {
     /// Returns Tukey's weight of a residual, 0…1.
     pub fn tukey_weight(&self, residual: f64) -> f64 {
-        let share = residual / self.cutoff;
-        if share.abs() < 1.0 { (1.0 - share * share).powi(2) } else { 0.0 }
+        tukey_weight_within(residual / self.cutoff)
     }
 
     pub fn weight(&self, residual: f64) -> f64 {

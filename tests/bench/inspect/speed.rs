@@ -4,6 +4,7 @@
 use crate::clips::{Bench, phase};
 use crate::goal::Figure;
 use panelprep::files::{read_color, write_color_jpeg};
+use panelprep::geometry::statistics::{QuantileRank, quantile};
 use panelprep::phase::Phase;
 use panelprep::sim::{FilmSpec, Grease, WET_FROM_S};
 use std::path::Path;
@@ -47,8 +48,7 @@ pub fn run(reduction: usize) {
     let inspection = watch.finish().expect("wet pictures");
     let finishing = begun.elapsed();
     let ms = |times: &mut Vec<Duration>, share: f64| {
-        times.sort();
-        times[((times.len() - 1) as f64 * share) as usize].as_secs_f64() * 1e3
+        quantile(times, share, QuantileRank::Lower).expect("pictures").as_secs_f64() * 1e3
     };
     println!(
         "speed, {} frames of {}×{} px on {} threads: judging, median {:.2} ms, fastest tenth {:.2} ms, 95 % {:.2} ms \

@@ -2,6 +2,7 @@
 
 use crate::goal::Figure;
 use panelprep::geometry::Mask;
+use panelprep::geometry::statistics::{QuantileRank, quantile};
 use panelprep::inspect::{GridInspection, Inspection, score_within};
 use panelprep::panel::GridId;
 use std::collections::BTreeMap;
@@ -282,10 +283,9 @@ impl Tally {
             let percent = 100.0 * near as f64 / self.time_errors_s.len() as f64;
             println!("  time to break, from 10 mm²: {percent:.1} % of {} within 0.5 s", self.time_errors_s.len());
         }
-        self.judging.sort();
-        let at = |share: f64| {
-            let index = (self.judging.len().max(1) - 1) as f64 * share;
-            self.judging.get(index as usize).map_or(f64::NAN, |time| time.as_secs_f64() * 1e3)
+        let mut at = |share: f64| {
+            quantile(&mut self.judging, share, QuantileRank::Lower)
+                .map_or(f64::NAN, |time| time.as_secs_f64() * 1e3)
         };
         println!("  a picture: median {:.2} ms, 95 % {:.2} ms", at(0.5), at(0.95));
     }

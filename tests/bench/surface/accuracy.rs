@@ -4,6 +4,7 @@
 use super::goal::Figure;
 use super::scanned::Scanned;
 use super::{Timed, held, held_time, most, timed};
+use panelprep::geometry::statistics::{self, QuantileRank, quantile};
 use panelprep::surface::{self, BSplineSurface, Fit, Parameter};
 
 const FIT_MS: f64 = 100.0;
@@ -104,10 +105,9 @@ fn against_truth(scanned: &Scanned, surface: &BSplineSurface) -> (Vec<f64>, Vec<
 }
 
 fn mean(values: &[f64]) -> f64 {
-    values.iter().sum::<f64>() / values.len().max(1) as f64
+    statistics::mean(values.iter().copied()).unwrap_or(0.0)
 }
 
 fn share(values: &mut [f64], share: f64) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values[((values.len() - 1) as f64 * share) as usize]
+    quantile(values, share, QuantileRank::Lower).expect("values")
 }

@@ -28,7 +28,7 @@
 use super::plane_view;
 use super::plane_view::{Block, PlaneView, Projection};
 use nalgebra::{DMatrix, DVector};
-use panelprep_base::geometry::statistics::NORMAL_TWO_SIDED_95;
+use panelprep_base::geometry::statistics::{NORMAL_ONE_SIDED_95, NORMAL_TWO_SIDED_95, rms};
 use panelprep_base::geometry::{
     DepthField, FIELD_COLUMNS, FIELD_ROWS, FIELD_SIZE, FieldRectangle, REFERENCE_DEPTH_MM,
 };
@@ -127,12 +127,7 @@ pub(super) fn cross_validate(fits: &[ProjectedScan], lambda: Option<f64>) -> Opt
             })
             .collect::<Option<_>>()?,
     };
-    let all: Vec<f64> = residuals_mm.iter().flatten().copied().collect();
-    Some(LeftOutPrediction { rms_mm: rms(&all), residuals_mm })
-}
-
-pub(super) fn rms(values: &[f64]) -> f64 {
-    (values.iter().map(|value| value * value).sum::<f64>() / values.len().max(1) as f64).sqrt()
+    Some(LeftOutPrediction { rms_mm: rms(residuals_mm.iter().flatten().copied()), residuals_mm })
 }
 
 /// Returns the maximum value of the field at these directions, without its linear part over them, mm.
@@ -184,9 +179,6 @@ pub(super) struct ScaleTilt {
     pub degrees_of_freedom: usize,
 }
 
-/// The 95 % quantile of the standard normal distribution.
-const NORMAL_QUANTILE_95: f64 = 1.645;
-
 impl ScaleTilt {
     /// Returns the standard deviation of the scales, percent, after this known variance, squared percent, is
     /// subtracted. Zero if the remainder may be due to chance.
@@ -237,7 +229,7 @@ impl LeftOutFit {
         let left = (residuals.norm_squared() / free as f64).sqrt();
         Some(LeftOutFit {
             residual: left,
-            prediction_residual: rms(&foretold),
+            prediction_residual: rms(foretold),
             degrees_of_freedom: free,
             parameters: solved,
         })

@@ -20,7 +20,8 @@ mod plane_view;
 
 use super::error::CalibError;
 use field::ProjectedScan;
-use panelprep_base::geometry::{Camera, DepthField, FieldRectangle, PinholeCamera, Pixel};
+use panelprep_base::geometry::statistics::rms;
+use panelprep_base::geometry::{Camera, DepthField, FieldRectangle, PinholeCamera, Pixel, interpolated_median};
 use panelprep_base::number_text::distinguishable_texts;
 use panelprep_base::verdict::{Check, LimitSource};
 pub use plane_view::{Block, BoardScan, MIN_SCANS, PicturePart, PictureParts, PlaneView};
@@ -88,9 +89,9 @@ pub fn measure(views: &[PlaneView], over: FieldRectangle) -> Result<ScannerError
     let mut whites: Vec<f64> = views.iter().map(|view| view.white_mm).collect();
     let depths = views.iter().map(|view| view.depth_mm);
     let parts = PictureParts::from_views(views, &left_out.residuals_mm, over);
-    let residuals = left_out.residuals_mm.iter().map(|all| field::rms(all)).collect();
+    let residuals = left_out.residuals_mm.iter().map(|all| rms(all.iter().copied())).collect();
     Ok(ScannerErrors {
-        white_mm: panelprep_base::geometry::median_in_place(&mut whites).unwrap_or(f64::NAN),
+        white_mm: interpolated_median(&mut whites).unwrap_or(f64::NAN),
         smooth_mm: spread.deviation_mm,
         correlation_mm: spread.correlation_mm,
         correlation_interval_mm: spread.interval_mm,
@@ -323,7 +324,7 @@ mod tests {
             let blocks = views.iter().flat_map(|view| &view.blocks);
             let all: Vec<([f64; 2], f64)> = blocks.map(|block| (block.direction, value(block.direction))).collect();
             let linear = plane_view::fit_plane(all.iter().copied()).expect("a plane");
-            field::rms(&all.iter().map(|(at, mm)| mm - plane_view::value_at(&linear, *at)).collect::<Vec<_>>())
+            rms(all.iter().map(|(at, mm)| mm - plane_view::value_at(&linear, *at)))
         };
         let field = found.field.expect("a correction");
         [of(&|at| distortion.distortion_at_mm(at)), of(&|at| distortion.distortion_at_mm(at) - field.at_mm(at))]

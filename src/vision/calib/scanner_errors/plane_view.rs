@@ -11,7 +11,8 @@ use super::super::error::CalibError;
 use nalgebra::{DMatrix, Matrix3, Vector3};
 use panelprep_base::geometry::statistics::SIGMA_OF_MEDIAN;
 use panelprep_base::geometry::{
-    Camera, DepthField, FieldRectangle, OrganizedCloud, PinholeCamera, Point, REFERENCE_DEPTH_MM, median_in_place,
+    Camera, DepthField, FieldRectangle, OrganizedCloud, PinholeCamera, Point, REFERENCE_DEPTH_MM,
+    interpolated_median,
 };
 use panelprep_base::number_text::fixed_decimals;
 use std::collections::BTreeMap;
@@ -113,12 +114,12 @@ impl PlaneView {
         samples.iter().for_each(|sample| by_block[sample.block].push(sample));
         let mut counts: Vec<f64> =
             by_block.iter().filter(|all| !all.is_empty()).map(|all| all.len() as f64).collect();
-        let usual = median_in_place(&mut counts).ok_or_else(few)?;
-        let filled = by_block.iter().filter(|all| all.len() as f64 >= MIN_FILLED_FRACTION * usual && all.len() > 4);
+        let usual = interpolated_median(&mut counts).ok_or_else(few)?;
+        let filled = by_block.iter().filter(|all| all.len() as f64 >= MIN_FILLED_SHARE * usual && all.len() > 4);
         let (mut blocks, mut apart) = (Vec::new(), Vec::new());
         for all in filled {
             let mut off: Vec<f64> = all.iter().map(|sample| off_mm(sample)).collect();
-            let Some(middle_mm) = median_in_place(&mut off) else { continue };
+            let Some(middle_mm) = interpolated_median(&mut off) else { continue };
             let mean = |value: fn(&Sample) -> f64| all.iter().map(|one| value(one)).sum::<f64>() / all.len() as f64;
             let direction = [mean(|one| one.direction[0]), mean(|one| one.direction[1])];
             let on_plane = value_at(&found, direction);
@@ -135,7 +136,7 @@ impl PlaneView {
         if blocks.len() < MIN_BLOCKS {
             return Err(few());
         }
-        let white_mm = SIGMA_OF_MEDIAN * median_in_place(&mut apart).ok_or_else(few)?;
+        let white_mm = SIGMA_OF_MEDIAN * interpolated_median(&mut apart).ok_or_else(few)?;
         let turn = pose.camera_from_board.rotation();
         let corners = match detect::measured(scan.cloud, scan.camera, scan.corners) {
             BoardObservation::Points(points) => {
@@ -261,7 +262,7 @@ fn fit_robust_plane(samples: &[Sample]) -> Option<Vector3<f64>> {
     let mut found = fit_plane(all())?;
     for _ in 0..2 {
         let off = |(direction, per_depth): ([f64; 2], f64)| (per_depth - value_at(&found, direction)).abs();
-        let most = 4.0 * SIGMA_OF_MEDIAN * median_in_place(&mut all().map(off).collect::<Vec<f64>>())?;
+        let most = 4.0 * SIGMA_OF_MEDIAN * interpolated_median(&mut all().map(off).collect::<Vec<f64>>())?;
         found = fit_plane(all().filter(|one| off(*one) <= most))?;
     }
     Some(found)

@@ -125,7 +125,7 @@ fn the_stated_region_contains_the_true_value() {
         let cell = cell(seed, GOOD_ROBOT);
         let found = calibrated(&cell, &fixed(&cell, 15));
         let (_, _, square) = error(&found, cell.base_from_camera());
-        square <= crate::calib::quantile::f_quantile(3.0, found.adjustment.redundancy, 0.95)
+        square <= panelprep_base::geometry::statistics::f_quantile(3.0, found.adjustment.redundancy, 0.95)
     });
     let held = held.count();
     assert!((34..=40).contains(&held), "{held} of 40");
