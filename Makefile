@@ -395,14 +395,17 @@ bench-removal: setup
 
 # Localization in three parts, each well below an hour on two cores; the last with third-party Python packages in a venv.
 MATCHERS := target/bench-locate
-.PHONY: bench-locate bench-locate-good bench-locate-bad bench-locate-peers
-bench-locate: bench-locate-good bench-locate-bad bench-locate-peers
+.PHONY: bench-locate bench-locate-good bench-locate-bad bench-locate-identify bench-locate-peers
+bench-locate: bench-locate-good bench-locate-bad bench-locate-identify bench-locate-peers
 
 bench-locate-good: setup
 	cargo bench --locked --bench locate -- good bows memory
 
 bench-locate-bad: setup
 	cargo bench --locked --bench locate -- bad wet
+
+bench-locate-identify: setup
+	cargo bench --locked --bench locate -- identify
 
 bench-locate-peers: setup
 	@test -x $(MATCHERS)/bin/python || { \

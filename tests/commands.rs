@@ -1,10 +1,11 @@
 //! Tests the commands as a user runs them: the program itself, on files, with exit codes and JSON.
 //!
-//! `plans`, `clips` and `cycles` test in more detail what these commands do. `refused` tests inputs that they refuse.
-//! `taught` contains the command lines that prepare a rendered cell for cycles.
+//! `plans`, `clips`, `cycles` and `identify` test in more detail what these commands do. `refused` tests what they do
+//! not accept. `taught` contains the command lines after which a rendered cell may run.
 
 mod clips;
 mod cycles;
+mod identify;
 mod plans;
 mod refused;
 pub mod taught;

@@ -11,9 +11,9 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-/// The order of the commands: each command runs after those whose output it needs. Commands that are not in the list
-/// run at `*`.
-const ORDER: [&str; 25] = [
+/// The order of the commands: each command runs after those whose output it needs. Commands that are not listed run
+/// at `*`.
+const ORDER: [&str; 26] = [
     "render",
     "check",
     "teach",
@@ -24,6 +24,7 @@ const ORDER: [&str; 25] = [
     "calibrate tcp",
     "calibrate force",
     "locate",
+    "identify",
     "refine",
     "inspect",
     "tune",

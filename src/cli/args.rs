@@ -8,11 +8,13 @@ mod simulation;
 mod storage;
 
 pub use files::{
-    Check, Doctor, FlangeCameraKind, Inspect, Label, Locate, Look, New, NewCell, NewFile, NewRecipe, PackageFiles,
-    Plan, PurposeName, Refine, RobotKindName, ScannerKind, Teach, Tune,
+    Check, Doctor, FlangeCameraKind, Identify, Inspect, Label, Locate, Look, New, NewCell, NewFile, NewRecipe,
+    PackageFiles, Plan, PurposeName, Refine, RobotKindName, ScannerKind, Teach, Tune,
 };
 pub use robot::{OnOff, Prove, Robot, RobotFunction, Shoot, Shot, TipName};
-pub use service::{CountArguments, Ctl, CtlAsk, Cycle, Decision, PartArguments, Run, User, UserTask, ZividWorker};
+pub use service::{
+    CountArguments, Ctl, CtlAsk, CtlStart, Cycle, Decision, PartArguments, Run, User, UserTask, ZividWorker,
+};
 pub use simulation::{
     Demo, FilmName, MockRobot, Render, SceneName, Simulation, ToolName, TreatName, real_arm, scanner_distortion,
 };
@@ -174,7 +176,11 @@ pub enum Command {
     #[command(after_help = "Example, after `panelprep render --out target/cell`:\n  \
         panelprep look --scan target/cell/taught_scan.pcd --pictures target/cell/pictures")]
     Look(Look),
-    /// Locate the panel in a scan.
+    /// Compare a scan with all taught panels and propose the panel that it shows; nothing starts by itself.
+    #[command(after_help = "Example, after the example of `panelprep teach --help`:\n  \
+        panelprep identify --cell target/cell/cell.toml --scan target/cell/scan.pcd")]
+    Identify(Identify),
+    /// Find the panel's present pose from a scan.
     #[command(after_help = "Example, after the example of `panelprep teach --help`:\n  \
         panelprep locate --cell target/cell/cell.toml --recipe target/cell/recipe.toml --scan target/cell/scan.pcd \
         --out target/cell/located.json")]

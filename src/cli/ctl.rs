@@ -6,26 +6,28 @@
 //! table as `panelprep ctl clear` sends to a service, and exits when the cell is at rest again. So the same conditions
 //! apply: the robot responds and is at standstill, and feedbacks confirm that tool and water are off.
 
-use super::args::{Common, Ctl, CtlAsk, Decision};
+use super::args::{Common, Ctl, CtlAsk, CtlStart, Decision};
 use super::fault::Fault;
+use super::identify::{Proposal, ProposalLimits, propose};
 use super::live::robot_alone;
 use super::load::CellFiles;
-use super::output::{Outcome, write_progress};
+use super::output::{Outcome, read_answer_line, write_progress};
 use super::{disk, part};
 use panelprep_base::geometry::Joints;
 use panelprep_base::supervision::{Supervisor, ThreadFault};
 use panelprep_base::verdict::{Judgement, Reason, Verdict};
 use panelprep_cell::cycle::{self, At, Robot, State};
+use panelprep_devices::cameras::Scanner as _;
 use panelprep_service::daemon::{
     self, CellSetup, Computing, LinkedTool, LoopEvent, LoopPorts, LoopStart, MAX_BYTES, NoCameras,
-    RecipeTextPermission, RecordIn, Reply, Request, RequestKind, RequestResult, Requester, StartRequest,
-    StoreRecord, current_user, request_line,
+    RecipeTextPermission, RecordIn, RemoteScanner, Reply, Request, RequestKind, RequestResult, Requester,
+    StartRequest, StoreRecord, current_user, request_line,
 };
 use panelprep_store::tape::LoopMemoryStart;
 use serde_json::{Map, Value, json};
 use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
 use std::os::unix::net::UnixStream;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::thread;
 use std::time::{Duration, Instant};
@@ -141,8 +143,10 @@ const RESPONSE_TIMEOUT: Duration = Duration::from_secs(60);
 pub fn run(args: &Ctl, common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
     let socket = files.socket();
-    if matches!(args.ask, CtlAsk::Watch) {
-        return print_changes(&socket, common.json);
+    match &args.ask {
+        CtlAsk::Watch => return print_changes(&socket, common.json),
+        CtlAsk::Start(start) => return start_cycle(start, &files, &socket),
+        _ => {}
     }
     let what = to_request(&args.ask, &socket)?;
     let reply = match what {
@@ -150,24 +154,65 @@ pub fn run(args: &Ctl, common: &Common) -> Result<Outcome, Fault> {
         _ => send_to_service(&socket, &what)?,
     };
     match args.ask {
-        CtlAsk::Start { wait: true, .. } if reply.answer == RequestResult::Done => wait_for_end(&socket, &reply),
         CtlAsk::Reset { wait: true } if reply.answer == RequestResult::Done => wait_for_idle(&socket),
         _ => Ok(outcome(&reply)),
     }
 }
 
+/// Starts a cycle with the recipe that is named, or with the one of the panel in the cell.
+fn start_cycle(args: &CtlStart, files: &CellFiles, socket: &Path) -> Result<Outcome, Fault> {
+    let part = part::parse_part_names(args.part.names())?;
+    let recipe = match &args.recipe {
+        Some(recipe) => recipe.clone(),
+        None => match confirm_proposal(args, files, socket)? {
+            Ok(recipe) => recipe,
+            Err(not_started) => return Ok(not_started),
+        },
+    };
+    let request = RequestKind::Start(StartRequest {
+        recipe: recipe.display().to_string(),
+        text: disk::read_text(&recipe)?,
+        record: args.record.as_ref().map(|file| record_in(file.as_deref())).transpose()?,
+        part,
+        another_part: args.count.another_part,
+        lost_passes: args.count.lost_passes,
+        is_stated_clear: false,
+        own_text: RecipeTextPermission::default(),
+    });
+    let reply = send_to_service(socket, &request)?;
+    match args.wait && reply.answer == RequestResult::Done {
+        true => wait_for_end(socket, &reply),
+        false => Ok(outcome(&reply)),
+    }
+}
+
+/// Proposes the recipe of the panel in the cell. Returns it if a person types the panel's name, else what is reported
+/// instead of a start.
+fn confirm_proposal(args: &CtlStart, files: &CellFiles, socket: &Path) -> Result<Result<PathBuf, Outcome>, Fault> {
+    // If there is no service, this error names its socket.
+    send_to_service(socket, &RequestKind::State)?;
+    let shot = RemoteScanner::new(socket.to_owned()).capture_3d().map_err(Fault::stage)?;
+    let limits = ProposalLimits { serial: args.part.serial.as_deref(), ..ProposalLimits::default() };
+    let Proposal { outcome: mut proposed, startable, reasons } = propose(files, shot.cloud, &limits)?;
+    if let Some((panel, recipe)) = startable {
+        proposed.lines.iter().for_each(|line| write_progress(line));
+        write_progress(&format!(
+            "Type the panel's name, {panel}, to start a cycle with {}; any other input starts nothing:",
+            recipe.display()
+        ));
+        if read_answer_line()?.is_some_and(|answer| answer == panel) {
+            return Ok(Ok(recipe));
+        }
+    }
+    proposed.add_line("nothing was started; name the recipe with --recipe to start a cycle");
+    proposed.lines.extend(reasons.iter().map(|reason| format!("  {} ({})", reason.message, reason.code)));
+    proposed.add_value("reasons", json!(reasons));
+    proposed.exit_code = RequestResult::Refused.code();
+    Ok(Err(proposed))
+}
+
 fn to_request(ask: &CtlAsk, socket: &Path) -> Result<RequestKind, Fault> {
     Ok(match ask {
-        CtlAsk::Start { recipe, record, part, count, .. } => RequestKind::Start(StartRequest {
-            recipe: recipe.display().to_string(),
-            text: disk::read_text(recipe)?,
-            record: record.as_ref().map(|file| record_in(file.as_deref())).transpose()?,
-            part: part::parse_part_names(part.names())?,
-            another_part: count.another_part,
-            lost_passes: count.lost_passes,
-            is_stated_clear: false,
-            own_text: RecipeTextPermission::default(),
-        }),
         CtlAsk::Hold => RequestKind::Table(cycle::Request::Hold),
         CtlAsk::Unhold { dried, decision } => {
             decision_request(socket, cycle::Request::Unhold { dried: *dried }, *decision)?
@@ -178,7 +223,7 @@ fn to_request(ask: &CtlAsk, socket: &Path) -> Result<RequestKind, Fault> {
         CtlAsk::Reset { .. } => RequestKind::Table(cycle::Request::Reset),
         CtlAsk::Accept { decision } => decision_request(socket, cycle::Request::Accept, *decision)?,
         CtlAsk::NewDisc => RequestKind::NewDisc,
-        CtlAsk::State | CtlAsk::Watch => RequestKind::State,
+        CtlAsk::State | CtlAsk::Watch | CtlAsk::Start(_) => RequestKind::State,
     })
 }
 

@@ -8,7 +8,7 @@ use super::load::{self, CellFiles, LoadedPanel};
 use super::{disk, part, zivid};
 use panelprep_base::config::Problems;
 use panelprep_base::verdict::{Judgement, Reason};
-use panelprep_cell::cell::LensExtent;
+use panelprep_cell::cell::{LensExtent, check_serial_form};
 use panelprep_cell::cycle::Request;
 use panelprep_cell::recipe::{Recipe, SandedReference};
 use panelprep_cell::record::{ON_FOAM, PartNames};
@@ -157,7 +157,8 @@ impl TaughtRecipe {
         Ok(TaughtRecipe { part, earlier, count, lost, ..self })
     }
 
-    /// Checks that the part is named as `[part]` of the cell's file demands.
+    /// Checks that the part is named as `[part]` of the cell's file demands, and that its serial number has the form
+    /// that the recipe states for its panel.
     ///
     /// # Errors
     /// If a required name is missing, or a name does not have its form.
@@ -165,7 +166,10 @@ impl TaughtRecipe {
         let part = self.part.as_ref();
         let serial = part.and_then(|part| part.serial.as_deref());
         let order = part.and_then(|part| part.order.as_deref());
-        files.cell.part().check(serial, order).map_err(|problem| RecordFault::PartNames(problem).into())
+        let of_recipe = serial.zip(self.recipe.outline().serial_pattern());
+        let checked = files.cell.part().check(serial, order);
+        let checked = checked.and_then(|()| of_recipe.map_or(Ok(()), |(it, form)| check_serial_form(it, &form)));
+        checked.map_err(|problem| RecordFault::PartNames(problem).into())
     }
 
     /// Checks that the part's abrasions can be counted, and by `[process] max_passes_per_part` that it may be abraded

@@ -7,12 +7,13 @@
 use super::args::{Common, Doctor};
 use super::calibrate::now_unix_s;
 use super::fault::Fault;
+use super::identify::{ProposalLimits, propose};
 use super::load::{self, CellFiles};
 use super::plant::{self, OfficeStatus, PlantConnections};
 use super::report::{self, StoredCycle};
 use super::{cycle_files, disk, doctor, record};
 use panelprep_base::config::Problems;
-use panelprep_base::geometry::ColorPicture;
+use panelprep_base::geometry::{Camera, ColorPicture, OrganizedCloud};
 use panelprep_base::number_text::{fixed_decimals, utc_day};
 use panelprep_base::verdict::{Reason, Verdict};
 use panelprep_cell::cell::PartRules;
@@ -22,8 +23,8 @@ use panelprep_cell::record::CycleId;
 use panelprep_service::check::{self, FileReport};
 use panelprep_service::daemon::{
     AccountService, Alarms, Equipment, ExaminedItem, Gateway, InterfaceContext, LineFront, LineParts, LinkedRobot,
-    LiveView, OperatorPage, PageError, PageParts, PushParts, PushSender, PushStatus, RecipeText, RecordPdf,
-    RecordSource, SetupSource,
+    LiveView, OperatorPage, PageError, PageParts, PushParts, PushSender, PushStatus, RecipeProposal, RecipeText,
+    RecordPdf, RecordSource, SetupSource,
 };
 use panelprep_store::office::RecipeOffer;
 use panelprep_store::store::{PersonSigningRequest, Store, free_mb};
@@ -230,6 +231,14 @@ impl SetupSource for FolderSource {
         let taught = store.taught(recipe.panel(), None).map_err(|error| error.to_string())?;
         let scan = files::read_any_cloud(&taught.teaching.scan, None).map_err(|error| error.to_string())?;
         Ok(scan.picture())
+    }
+
+    fn propose_recipe(&self, scan: OrganizedCloud<Camera>, serial: Option<&str>) -> Result<RecipeProposal, String> {
+        let limits = ProposalLimits { serial, ..ProposalLimits::default() };
+        let proposal = propose(&self.files, scan, &limits).map_err(|fault| fault.to_string())?;
+        let (panel, file) = proposal.startable.unzip();
+        let recipe = file.and_then(|file| Some(file.file_name()?.to_str()?.to_owned()));
+        Ok(RecipeProposal { panel: panel.unwrap_or_default(), recipe, reasons: proposal.reasons })
     }
 
     fn cycle_obstacles(&self) -> Vec<Reason> {

@@ -160,6 +160,28 @@ fn teaching_scan_errors(then: &Intrinsics, now: &Intrinsics) -> ScanErrors {
     ScanErrors::from_measured(then.errors.as_ref().or_else(|| now.errors.as_ref().filter(|_| is_same)))
 }
 
+/// The name of a stored calibration in messages.
+const TAUGHT_CALIBRATION: &str = "the taught calibration";
+
+/// Reads the stored data of a teaching and derives the panel from its scan, without the corners.
+///
+/// # Errors
+/// If the scan shows no panel under the region, or a stored calibration is invalid.
+pub fn derive_panel(
+    teaching: &TeachingInputs,
+    (recipe, now): (&Recipe, &Intrinsics),
+) -> Result<TaughtPanel, Fault> {
+    let kept = TAUGHT_CALIBRATION;
+    let lens = Intrinsics::check(kept, &teaching.scanner_calibration_text)?;
+    let errors = teaching_scan_errors(&lens, now);
+    let camera = lens.camera;
+    let base_from_camera = MountedPose::<ScannerMount>::check(kept, &teaching.base_from_camera_text)?.rigid();
+    let cloud = files::read_cloud(&teaching.scan, &camera).map_err(Fault::stage)?;
+    // A drawing's rays have none of the camera's errors.
+    let cloud = if recipe.nominal().is_some() { cloud } else { errors.correct_scan(cloud) };
+    TaughtPanel::learn(&cloud, camera, base_from_camera, recipe).map_err(Fault::stage)
+}
+
 /// Reads the stored data of a teaching and derives panel and corners from them; `name` gives the name of a corner
 /// picture in messages.
 ///
@@ -171,15 +193,8 @@ pub fn derive(
     version: String,
     name: &dyn Fn(usize) -> String,
 ) -> Result<LoadedPanel, Fault> {
-    let kept = "the taught calibration";
-    let lens = Intrinsics::check(kept, &teaching.scanner_calibration_text)?;
-    let errors = teaching_scan_errors(&lens, now);
-    let camera = lens.camera;
-    let base_from_camera = MountedPose::<ScannerMount>::check(kept, &teaching.base_from_camera_text)?.rigid();
-    let cloud = files::read_cloud(&teaching.scan, &camera).map_err(Fault::stage)?;
-    // A drawing's rays have none of the camera's errors.
-    let cloud = if recipe.nominal().is_some() { cloud } else { errors.correct_scan(cloud) };
-    let panel = TaughtPanel::learn(&cloud, camera, base_from_camera, recipe).map_err(Fault::stage)?;
+    let kept = TAUGHT_CALIBRATION;
+    let panel = derive_panel(teaching, (recipe, now))?;
     let mut corners = Vec::with_capacity(teaching.corners.len());
     let mut problems = Vec::new();
     for (index, shot) in teaching.corners.iter().enumerate() {

@@ -1,12 +1,15 @@
-//! The commands for scans and corner pictures. `panelprep look` draws a scan as a picture with a pixel ruler, from
-//! which a person reads the region for a recipe. `panelprep locate` finds the current pose of the panel with the 3D
-//! camera, and `panelprep refine` corrects this pose with corner pictures.
+//! The commands on a scan and on the corner pictures. `panelprep look` shows a scan as a picture with a pixel ruler, in
+//! which a person reads the region for a recipe. `panelprep identify` compares a scan with all taught panels.
+//! `panelprep locate` finds the present pose of the panel with the 3D
+//! camera, and `panelprep refine` checks the located pose against the corner pictures.
 
-use super::args::{Common, Locate, Look, Refine};
+use super::args::{Common, Identify, Locate, Look, Refine, Shot};
 use super::disk;
 use super::fault::{Fault, TeachingFault};
+use super::identify::{ProposalLimits, propose};
 use super::load::{self, CellFiles, CornerShot};
-use super::output::Outcome;
+use super::output::{Outcome, write_progress};
+use super::shoot::opening::{self, RequestedShot};
 use panelprep_base::geometry::{Base, Flange, FlangeCamera, KukaPose, Panel, Rigid};
 use panelprep_base::verdict::Judgement;
 use panelprep_cell::files;
@@ -111,7 +114,29 @@ fn outcome(located: &LocateOutcome<'_>, elapsed_ms: f64) -> Outcome {
     outcome
 }
 
-/// Corrects the located pose with corner pictures, and reports the result.
+/// Compares a scan with the taught panels and reports the panel that it shows.
+///
+/// # Errors
+/// If a file is invalid, no store exists, or the camera does not deliver.
+pub fn run_identify(args: &Identify, common: &Common) -> Result<Outcome, Fault> {
+    let files = CellFiles::read(common)?;
+    let scan = match &args.scan {
+        Some(file) => load::scan(file, &files.scanner()?.value)?,
+        None => {
+            let wanted = RequestedShot { shot: Shot::Scan, simulation: args.simulation };
+            let mut opened = opening::scanner(&files, &wanted, &write_progress)?;
+            opened.camera.capture_3d().map_err(Fault::stage)?.cloud
+        }
+    };
+    let limits = ProposalLimits {
+        panels: args.panels.as_deref(),
+        expected: args.expect.as_deref(),
+        serial: args.part.as_deref(),
+    };
+    Ok(propose(&files, scan, &limits)?.outcome)
+}
+
+/// Corrects the located pose and reports the result.
 ///
 /// # Errors
 /// If a file is invalid, no corner was taught, or a picture shows no corner.

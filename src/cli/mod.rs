@@ -19,6 +19,7 @@ mod explain;
 mod fault;
 mod flange_pose;
 mod history;
+mod identify;
 mod inspect;
 mod inspected;
 mod interfaces;
@@ -87,6 +88,7 @@ pub fn run(arguments: &Arguments) -> ExitCode {
         Command::Teach(args) => teach::run(args, common),
         Command::Shoot(args) => shoot::run(args, common, &|line| output::write_progress(line)),
         Command::Look(args) => locate::run_look(args, common),
+        Command::Identify(args) => locate::run_identify(args, common),
         Command::Locate(args) => locate::run(args, common),
         Command::Refine(args) => locate::run_refine(args, common),
         Command::Inspect(args) => inspect::run(args, common),

@@ -50,4 +50,5 @@ pub use scene::{CornerView, Scene};
 pub use shape::PanelBend;
 pub use trial::{SceneDefect, TRIAL_BOX_MM, TrialScene};
 pub use truth::{CellTruth, CornerNumbers, PlacementError, SpotNumbers, TrueSpot, TruthNumbers};
+pub use variety::PanelVariant;
 pub use wetting::{Phase, SPRAY_FROM_S, WET_FROM_S};

@@ -7,6 +7,7 @@ use super::shape::{Outline, ROUNDING_MM, Relief, Shape};
 use nalgebra::Vector2;
 use rand::RngExt;
 use rand_pcg::Pcg64;
+use strum::VariantArray;
 
 /// Minimum and maximum length of a panel, mm.
 const LENGTH_RANGE_MM: [f64; 2] = [140.0, 390.0];
@@ -15,7 +16,50 @@ const WIDTH_RANGE_MM: [f64; 2] = [100.0, 260.0];
 /// Maximum height of a surface at its ends, mm.
 const MAX_RISE_MM: f64 = 22.0;
 
-/// A panel with the parts of which it consists.
+/// Length of the cut on both sides of a corner, mm; the next constants are the length of the strip that a shorter panel
+/// lacks, and the additional rise of the ends of a bowed panel.
+const CORNER_CUT_MM: f64 = 15.0;
+const SHORTER_MM: f64 = 5.0;
+const BOW_MM: f64 = 6.0;
+
+/// How a panel differs from the original of its family.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, VariantArray, strum::IntoStaticStr)]
+pub enum PanelVariant {
+    /// Not at all.
+    #[strum(serialize = "original")]
+    Original,
+    /// One more corner is cut off, by 15 mm.
+    #[strum(serialize = "a corner cut")]
+    CornerCut,
+    /// It is the mirror image.
+    #[strum(serialize = "mirrored")]
+    Mirrored,
+    /// It is 5 mm shorter.
+    #[strum(serialize = "5 mm shorter")]
+    Shorter,
+    /// Its ends rise by 6 mm more.
+    #[strum(serialize = "bowed by 6 mm")]
+    Bowed,
+}
+
+impl PanelVariant {
+    /// Every variant.
+    pub const ALL: &'static [PanelVariant] = <Self as VariantArray>::VARIANTS;
+
+    /// Returns the panel of a family that differs in this way.
+    pub(super) fn panel(self, family: u64) -> Panel {
+        let original = Panel::random(&mut generator(Seed(family), 0));
+        match self {
+            PanelVariant::Original => original,
+            PanelVariant::CornerCut => original.corner_cut_copy(CORNER_CUT_MM),
+            PanelVariant::Mirrored => original.mirror_image(),
+            PanelVariant::Shorter => original.trimmed_copy(SHORTER_MM),
+            PanelVariant::Bowed => original.bent_copy(BOW_MM),
+        }
+    }
+}
+
+/// A panel with the parts from which it was made.
 #[derive(Debug, Clone)]
 pub(super) struct Panel {
     relief: Relief,
@@ -113,6 +157,25 @@ impl Panel {
         let cut = [[from, -half], [length, -half], [length, half], [from, half]];
         let mut panel = self.clone();
         panel.cuts.push(cut.map(|[s, t]| Vector2::new(s, t)).to_vec());
+        panel
+    }
+
+    /// Returns the same panel with one more corner cut off by this length of both its sides, mm: the corner with the
+    /// longest sides.
+    fn corner_cut_copy(&self, cut_mm: f64) -> Panel {
+        let count = self.corners.len();
+        let sides = |i: usize| {
+            [i + count - 1, i + 1].map(|neighbour| self.corners[neighbour % count] - self.corners[i % count])
+        };
+        let shorter_mm = |i: usize| sides(i).iter().map(|side| side.norm()).fold(f64::INFINITY, f64::min);
+        let chosen = (0..count).max_by(|&a, &b| shorter_mm(a).total_cmp(&shorter_mm(b))).unwrap_or_default();
+        let corner = self.corners[chosen];
+        let [before, after] = sides(chosen).map(|side| corner + side.normalize() * cut_mm);
+        // The area beyond the new side: a panel is convex, so that the extension of this side lies outside of it.
+        let (along, outward) = ((after - before).normalize(), (corner - (before + after) / 2.0).normalize());
+        let (from, to) = (before - along * cut_mm, after + along * cut_mm);
+        let mut panel = self.clone();
+        panel.cuts.push(vec![from, from + outward * 2.0 * cut_mm, to + outward * 2.0 * cut_mm, to]);
         panel
     }
 }
@@ -220,8 +283,22 @@ mod tests {
         }
     }
 
-    /// Expected values, calculated by hand: in the mirror image the point (30, 10) has the height of (−30, 10); the
-    /// back has the negative of that height.
+    /// By hand: of a square of 100 mm a corner is cut by 20 mm of both sides. The place at 0.98 of the corner, (49, 49),
+    /// was 1 mm inside of the outline and is now beyond the new side x + y = 80: (49 + 49 − 80) / √2 = 12.73 mm.
+    #[test]
+    fn a_corner_is_cut_off() {
+        let corners = [[-50.0, -50.0], [50.0, -50.0], [50.0, 50.0], [-50.0, 50.0]];
+        let mut panel = Panel::random_symmetric(&mut generator(Seed(1), 0)).flat_copy();
+        panel.corners = corners.map(|[s, t]: [f64; 2]| Vector2::new(s, t)).to_vec();
+        let cut = panel.corner_cut_copy(20.0);
+        let distances = corners.map(|[s, t]| cut.shape().outline().distance(Vector2::new(0.98 * s, 0.98 * t)).0);
+        let outside: Vec<f64> = distances.into_iter().filter(|&mm| mm > 5.0).collect();
+        assert!(outside.len() == 1 && (outside[0] - 12.73).abs() < 0.01, "{distances:?}");
+        assert!(cut.shape().outline().distance(Vector2::zeros()).0 < -40.0, "the rest is as before");
+    }
+
+    /// Calculated by hand: in the mirror image the point (30, 10) has the height of (−30, 10); the back has minus
+    /// that height.
     #[test]
     fn mirror_image_and_back_have_the_correct_heights() {
         let panel = Panel::random(&mut trial_generator(Seed(3), 0));

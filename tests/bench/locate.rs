@@ -1,7 +1,7 @@
 //! Compares the localization with the renderer's ground truth: panels of many shapes anywhere in a search box, scenes
 //! that must not be accepted, and wet verifications. Some of the scans are also processed by third-party libraries. All
 //! scans have full size and the true calibration. `cargo bench --bench locate --
-//! [good|bad|bows|held|teach|correlated|wet|memory|peers]… [SEEDS|FIRST-LAST]`; `make bench-locate` sets up the peers
+//! [good|bad|bows|held|teach|correlated|identify|wet|memory|peers]… [SEEDS|FIRST-LAST]`; `make bench-locate` sets up the peers
 //! and names their Python in `PANELPREP_PEERS`.
 
 use goal::Figure;
@@ -24,6 +24,8 @@ mod correlated;
 mod goal;
 #[path = "locate/held.rs"]
 mod held;
+#[path = "locate/identify.rs"]
+mod identify;
 #[path = "locate/memory.rs"]
 mod memory;
 #[path = "locate/peers.rs"]
@@ -41,6 +43,8 @@ const BAD_SCENES: u64 = 714;
 const BOW_SEEDS: u64 = 40;
 const HELD_SEEDS: u64 = 25;
 const CORRELATED_SEEDS: u64 = 25;
+/// Scenes of each of the twenty panels.
+const IDENTIFY_SCENES: u64 = 20;
 const WET_SEEDS: u64 = 100;
 const PEER_SCANS: u64 = 20;
 /// Maximum error of an accepted pose that is correct, mm.
@@ -88,6 +92,9 @@ fn main() -> ExitCode {
     if asked("correlated") {
         missed += correlated::errors(seeds(CORRELATED_SEEDS));
     }
+    if asked("identify") {
+        missed += identify::panels(seeds(IDENTIFY_SCENES));
+    }
     if asked("wet") {
         missed += wet::verifications(seeds(WET_SEEDS));
     }
@@ -124,10 +131,14 @@ struct Tried {
 
 /// Returns the recipe of a trial, with additional keys of its panel.
 fn recipe(trial: &TrialScene, keys: &str) -> Recipe {
+    named_recipe(trial, "trial", keys)
+}
+
+fn named_recipe(trial: &TrialScene, name: &str, keys: &str) -> Recipe {
     let corners = trial.region_px().map(|pixel| [pixel.u, pixel.v]);
     let [low, high] = TRIAL_BOX_MM;
     let text = format!(
-        "panel = {{ name = \"trial\"{keys} }}\n[locate]\nbox_min_mm = {low:?}\nbox_max_mm = {high:?}\nmax_shift_mm = 900.0\n\
+        "panel = {{ name = \"{name}\"{keys} }}\n[locate]\nbox_min_mm = {low:?}\nbox_max_mm = {high:?}\nmax_shift_mm = 900.0\n\
          turn_limit_deg = 180.0\nmax_tilt_deg = 35.0\n\
          [region]\ncorners_px = {corners:?}\nrows = 2\ncolumns = 3\n"
     );

@@ -39,7 +39,7 @@ pub use devices::{Camera, Gige, MockController, PIXEL_FORMATS, Robot, RobotKind,
 pub use lens::{LensExtent, SupportedArea};
 pub use listen::{AnonymousAccess, OpcUa, Page};
 pub use names::{Feedback, InputsOutputs, LINE_INPUTS, LOCAL_CONTROL, Line, LineSignal, Output, WARNING};
-pub use part::{NameDemand, NameRule, PartNameError, PartRules};
+pub use part::{NameDemand, NameRule, PartNameError, PartRules, check_serial_form};
 pub use proof_stage::{ProofStage, SignedPage, Unsigned, UnsignedCause};
 pub use provenance::{BoardSize, Date, Provenance};
 pub use robot_correction::{

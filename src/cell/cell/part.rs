@@ -51,12 +51,15 @@ pub enum PartNameError {
     },
     /// A name does not match its pattern.
     #[error(
-        "the {what} \"{found}\" does not match the pattern \"{pattern}\" of [part] {key}_pattern (# is a digit, ? one character, * any characters): check the {what} on the part and start again"
+        "the {what} \"{found}\" does not have the form \"{pattern}\" of {table} {key}_pattern (# is a digit, ? one \
+         character, * any characters); read it again, then start again with the recipe of this part"
     )]
     Form {
         /// Which name: "serial number" or "work order".
         what: &'static str,
-        /// The name's key in `[part]`.
+        /// The table that states the form.
+        table: &'static str,
+        /// The name's key there.
         key: &'static str,
         /// The name in the start request.
         found: String,
@@ -74,13 +77,30 @@ impl NameRule {
             };
         };
         match &self.pattern {
-            Some(pattern) if !has_form(name, pattern) => {
-                let found = name.escape_debug().to_string();
-                Err(PartNameError::Form { what, key, found, pattern: pattern.clone() })
-            }
-            _ => Ok(()),
+            Some(pattern) => check_form(name, pattern, (what, "[part]", key)),
+            None => Ok(()),
         }
     }
+}
+
+fn check_form(
+    name: &str,
+    pattern: &str,
+    (what, table, key): (&'static str, &'static str, &'static str),
+) -> Result<(), PartNameError> {
+    if has_form(name, pattern) {
+        return Ok(());
+    }
+    let (found, pattern) = (name.escape_debug().to_string(), pattern.to_owned());
+    Err(PartNameError::Form { what, table, key, found, pattern })
+}
+
+/// Checks the serial number of a part by the form that the recipe of its panel states.
+///
+/// # Errors
+/// If it has another form: the part is another panel, or the number was read wrongly.
+pub fn check_serial_form(serial: &str, pattern: &str) -> Result<(), PartNameError> {
+    check_form(serial, pattern, ("serial number", "the recipe's [panel]", "serial"))
 }
 
 impl PartRules {
@@ -178,6 +198,8 @@ mod tests {
             refused(Some("SN-0017"), Some("SN-0017")).contains("[part] order_pattern"),
             "the wrong code was read"
         );
+        let of_recipe = check_serial_form("SN-0017", "RH-*").expect_err("another panel").to_string();
+        assert!(of_recipe.contains("form \"RH-*\" of the recipe's [panel] serial_pattern"), "{of_recipe}");
         assert!(rules("[part]\nserial = 'always'").is_err_and(|told| told.contains("part.serial")));
     }
 }

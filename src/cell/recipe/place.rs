@@ -166,6 +166,9 @@ settings! {
         /// The places at which holders or clamps touch the panel's edge: four corners each, px in the taught picture.
         /// These areas are used neither for the outline nor for the surface, at teaching and at localization.
         held_px: Vec<[[f64; 2]; 4]>, 0.0..=20_000.0, default Vec::new();
+        /// The form of the serial numbers of this panel's parts: `#` is a digit, `?` one character, `*` any characters. A
+        /// part whose number has another form is not this panel.
+        serial_pattern: Option<String>, (), default None;
     }
 }
 
@@ -183,7 +186,7 @@ const MIN_AREA_PX2: f64 = 16.0;
 pub(in crate::recipe) fn parse_panel(top: &Section<'_, '_>) -> Option<Panel> {
     if !top.is_table("panel") {
         let name = top.parse::<String>("panel", (), None)?;
-        return Some(Panel { name, outline_px: Vec::new(), held_px: Vec::new() });
+        return Some(Panel { name, outline_px: Vec::new(), held_px: Vec::new(), serial_pattern: None });
     }
     let section = top.section("panel");
     let panel = Panel::parse(&section)?;

@@ -111,6 +111,31 @@ pub struct Look {
     pub pictures: PathBuf,
 }
 
+/// Options of `identify`.
+#[derive(Debug, Clone, Args)]
+pub struct Identify {
+    /// The scan: organised cloud as PCD or PLY.
+    #[arg(long, value_name = "FILE", required_unless_present = "live")]
+    pub scan: Option<PathBuf>,
+    /// Take the scan now, with the cell's 3D camera.
+    #[arg(long, conflicts_with = "scan")]
+    pub live: bool,
+    /// Compare only the panels of the recipes in this folder; without this option, all panels that were taught in this
+    /// cell.
+    #[arg(long, value_name = "DIR")]
+    pub panels: Option<PathBuf>,
+    /// The panel that the order names: if the scan shows another one, a person decides.
+    #[arg(long, value_name = "PANEL")]
+    pub expect: Option<String>,
+    /// The part's serial number or barcode: if it does not have the form that the panel's recipe states, a person
+    /// decides.
+    #[arg(long, value_name = "SERIAL")]
+    pub part: Option<String>,
+    /// Settings of the simulated cell.
+    #[command(flatten)]
+    pub simulation: Simulation,
+}
+
 /// Options of `locate`.
 #[derive(Debug, Clone, Args)]
 pub struct Locate {

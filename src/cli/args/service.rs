@@ -61,27 +61,8 @@ pub struct Ctl {
 #[derive(Debug, Clone, Subcommand)]
 pub enum CtlAsk {
     /// Start a cycle; the cell must be idle.
-    Start {
-        /// The panel's recipe.
-        #[arg(long, value_name = "FILE")]
-        recipe: PathBuf,
-        /// Record the cycle for `panelprep replay` and Foxglove in this new file, which the service writes. Without a
-        /// name, the file is recordings/cycle-NNNNNN.mcap in the store. The service never deletes a recording. At full
-        /// size, a minute of film needs a gigabyte.
-        #[arg(long, value_name = "FILE", num_args = 0..=1)]
-        record: Option<Option<PathBuf>>,
-        /// The part in the cell; its names are stored with the cycle and shown on its page.
-        #[command(flatten)]
-        part: PartArguments,
-        /// Statements of the operator about earlier sanding passes of the part.
-        #[command(flatten)]
-        count: CountArguments,
-        /// Wait until the cycle has ended, report each change, and exit with the exit code of the cycle. While the
-        /// cycle is held, the command continues to wait.
-        #[arg(long)]
-        wait: bool,
-    },
-    /// Hold the cycle: no further waypoint, tool off, retract.
+    Start(CtlStart),
+    /// Stop the work in progress: no further waypoint, tool off, retract.
     Hold,
     /// Continue after a hold, with a new picture of the corner.
     Unhold {
@@ -121,6 +102,30 @@ pub enum CtlAsk {
     /// Watch the cell until this command is interrupted: print one line for each change, with --json one object per
     /// line.
     Watch,
+}
+
+/// Options of `ctl start`.
+#[derive(Debug, Clone, Args)]
+pub struct CtlStart {
+    /// The panel's recipe. Without this option, the panel in the cell is compared with all taught panels, as by
+    /// `panelprep identify`, and its recipe is proposed; the cycle starts after the panel's name is typed.
+    #[arg(long, value_name = "FILE")]
+    pub recipe: Option<PathBuf>,
+    /// Record the cycle for `panelprep replay` and Foxglove, in this new file, which the service writes;
+    /// without a name in its store, as recordings/cycle-NNNNNN.mcap. The service never removes a recording: a
+    /// minute of film needs a gigabyte at full size.
+    #[arg(long, value_name = "FILE", num_args = 0..=1)]
+    pub record: Option<Option<PathBuf>>,
+    /// The part in the cell: kept with the cycle and shown on its page.
+    #[command(flatten)]
+    pub part: PartArguments,
+    /// What the operator states about earlier abrasions of the part.
+    #[command(flatten)]
+    pub count: CountArguments,
+    /// Wait for the cycle's end, report each change, and end with the cycle's exit code. While a cycle is held,
+    /// the wait continues.
+    #[arg(long)]
+    pub wait: bool,
 }
 
 /// The state on which a person's decision is based.

@@ -129,7 +129,7 @@ pub use run::{LoopOutcome, LoopPorts, LoopStart, run};
 pub use setup::{Calibrations, CellSetup, CycleSetup};
 pub use single::{Mounted, SingleError, SingleLine, SingleRobot, speed_command};
 pub use socket::{Socket, SocketError};
-pub use sources::{Equipment, ExaminedItem, RecipeText, RecordPdf, RecordSource, SetupSource};
+pub use sources::{Equipment, ExaminedItem, RecipeProposal, RecipeText, RecordPdf, RecordSource, SetupSource};
 #[cfg(feature = "plant")]
 pub use sparkplug::{SparkplugEdge, SparkplugParts};
 pub use web::{OperatorPage, PageError, PageParts};

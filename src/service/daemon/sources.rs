@@ -1,7 +1,7 @@
 //! The data that the program provides to the service: recipes and calibrations, and the pages of cycles with their
 //! signatures.
 
-use panelprep_base::geometry::ColorPicture;
+use panelprep_base::geometry::{Camera, ColorPicture, OrganizedCloud};
 use panelprep_base::verdict::{Reason, Verdict};
 use panelprep_cell::cell::PartRules;
 use panelprep_cell::files::content_hash;
@@ -67,6 +67,17 @@ pub struct ExaminedItem {
     pub advice: String,
 }
 
+/// The panel in a scan, as it is proposed to a person.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct RecipeProposal {
+    /// The panel's name.
+    pub panel: String,
+    /// The name of its recipe; `None` if a person must decide.
+    pub recipe: Option<String>,
+    /// Why no recipe is proposed.
+    pub reasons: Vec<Reason>,
+}
+
 /// The source of recipes and calibrations. The names of recipes are names of files in one folder.
 pub trait SetupSource: Send + Sync {
     /// Returns the recipes that are offered.
@@ -112,6 +123,18 @@ pub trait SetupSource: Send + Sync {
     /// Examines the whole cell, as `panelprep doctor` does; nothing moves. The examination may take some seconds. If
     /// something cannot be read, the result states it.
     fn examine_cell(&self) -> Vec<ExaminedItem>;
+
+    /// Compares a scan with all taught panels, and the part's serial number with the form that the recipe states.
+    ///
+    /// # Errors
+    /// If a file or the store cannot be read; the error is a text for people.
+    fn propose_recipe(
+        &self,
+        _scan: OrganizedCloud<Camera>,
+        _serial: Option<&str>,
+    ) -> Result<RecipeProposal, String> {
+        Ok(RecipeProposal::default())
+    }
 
     /// Returns the rules for how a start must name its part.
     fn part_rules(&self) -> PartRules {

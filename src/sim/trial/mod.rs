@@ -16,7 +16,7 @@ use super::noise::{PixelNoise, Seed};
 use super::scene::Slab;
 use super::shape::{PanelBend, Shape};
 use super::truth::PlacementError;
-use super::variety::trial_generator;
+use super::variety::{PanelVariant, generator};
 use super::{scene, shape, variety};
 use contents::{PrintedDiscs, SceneContents, sheet_points};
 pub use contents::{SceneDefect, TRIAL_BOX_MM};
@@ -82,9 +82,14 @@ impl TrialScene {
         TrialScene::new(Seed(seed), Some(wrong), reduction)
     }
 
+    /// Creates a good scene with this panel of a family; `scene` distinguishes the scenes of one panel.
+    pub fn variant_scene((family, variant): (u64, PanelVariant), scene: u64, reduction: usize) -> TrialScene {
+        let seed = Seed(1_000_000 * (family + 1) + 10_000 * variant as u64 + scene);
+        TrialScene::from_panel(&variant.panel(family), seed, None, reduction)
+    }
+
     fn new(seed: Seed, wrong: Option<SceneDefect>, reduction: usize) -> TrialScene {
-        let camera = scene::scanner(reduction);
-        let mut random = trial_generator(seed, 0);
+        let mut random = generator(seed, 0);
         let panel = match wrong {
             Some(SceneDefect::Symmetric) => variety::Panel::random_symmetric(&mut random),
             Some(SceneDefect::MirroredMarks) => variety::Panel::random_symmetric(&mut random).flat_copy(),
@@ -93,6 +98,16 @@ impl TrialScene {
             Some(SceneDefect::TwoPanels) => variety::Panel::random(&mut random).scaled_copy(REDUCED_PANEL_SCALE),
             _ => variety::Panel::random(&mut random),
         };
+        let mut trial = TrialScene::from_panel(&panel, seed, wrong, reduction);
+        if let Some(wrong) = wrong {
+            trial.add_defect(&panel, wrong, &mut generator(seed, 2));
+        }
+        if wrong == Some(SceneDefect::MirroredMarks) { trial.with_mirrored_marks() } else { trial }
+    }
+
+    /// Puts a panel into a scene that is prepared for this defect.
+    fn from_panel(panel: &variety::Panel, seed: Seed, wrong: Option<SceneDefect>, reduction: usize) -> TrialScene {
+        let camera = scene::scanner(reduction);
         let mut trial = TrialScene {
             seed,
             taught: panel.shape(),
@@ -117,11 +132,8 @@ impl TrialScene {
             second_panel: None,
             is_holder_moved: false,
         };
-        trial.draw_valid_pose(&mut trial_generator(seed, 1), wrong);
-        if let Some(wrong) = wrong {
-            trial.add_defect(&panel, wrong, &mut trial_generator(seed, 2));
-        }
-        if wrong == Some(SceneDefect::MirroredMarks) { trial.with_mirrored_marks() } else { trial }
+        trial.draw_valid_pose(&mut generator(seed, 1), wrong);
+        trial
     }
 
     /// Returns the 3D camera.

@@ -127,8 +127,8 @@ pub struct CompetingPose {
     pub for_rival_mm: f64,
 }
 
-/// Length of outline that may match by chance, mm.
-const CHANCE_MATCH_MM: f64 = 8.0;
+/// A length of outline that may match by chance, mm.
+pub(super) const CHANCE_MATCH_MM: f64 = 8.0;
 
 impl CompetingPose {
     /// Returns the ratio of the evidence for the first pose to the evidence for the rival.

@@ -59,7 +59,17 @@ pub fn min_outline_found(limits: &recipe::Locate) -> f64 {
     (limits.min_overlap() - OUTLINE_ALLOWANCE).max(0.0)
 }
 
-/// The reason code of a fit whose last step was too large.
+/// Returns the overlap below which the object is not the panel, 0…1; between this and the limit a person decides.
+pub(super) fn min_reviewed_overlap(limits: &recipe::Locate) -> f64 {
+    (limits.min_overlap() - OVERLAP_REVIEW_MARGIN).max(0.0)
+}
+
+/// Returns whether the object is not the taught panel, whatever its pose, and whatever the picture and the camera.
+pub(super) fn is_other_panel(fit: &Fit, limits: &recipe::Locate) -> bool {
+    Judgement::from_checks(&check_panel(fit, limits)).verdict == Verdict::Reject
+}
+
+/// The code of a fit whose last step was too large.
 const NOT_CONVERGED: &str = "not_converged";
 
 /// Judges a fit by the limits of the recipe.

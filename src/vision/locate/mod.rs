@@ -2,13 +2,14 @@
 //!
 //! The search needs no start value and covers all poses in the search box. The scan is downsampled ([`grid`]) and
 //! segmented into connected components in the box ([`pieces`]). The taught panel is aligned with these pieces at every
-//! rotation ([`search`]). The best pose hypotheses are fitted to the surface and to the edges of the outline in the
-//! colour picture together ([`fit`], [`edges`]), with the borders of marks inside the outline (`print_features`), and
-//! compared with each other ([`ConsistencyScore`]). The result is a [`Fit`]: the pose with its covariance, the
-//! agreement of independent starts, and the result of the fixture check. [`gate`] judges this evidence. [`explain`]
-//! marks the origin of a reason in the scan's picture. [`corner`] detects the corner of the panel in a picture of the
-//! flange camera, and [`refine`] corrects the pose with it. [`thesis_icp`] is the thesis's method, for comparison. An
-//! error of the camera calibration moves the taught and the located panel in the same way and cannot be detected here.
+//! rotation ([`search`]). The best pose hypotheses are fitted to the surface and to the outline's edges in the colour
+//! picture together ([`fit`], [`edges`]), with the borders of marks inside it (`print_features`), and compared with
+//! each other ([`ConsistencyScore`]). The result is a [`Fit`]: the pose with its covariance, the agreement of
+//! independent starts, and the check of the camera's pose by the fixture. [`gate`] judges this evidence. [`explain`]
+//! marks the cause of a reason in the scan's picture. [`identify`] compares a scan with several taught panels.
+//! [`corner`] finds the panel's corner in a picture of the flange camera, and [`refine`] corrects the pose by it.
+//! [`thesis_icp`] is the thesis's own method, for comparison. An error of the camera's calibration moves taught and
+//! located panel alike and cannot be detected here.
 //!
 //! Two pose hypotheses of one panel are compared by the evidence that supports only one of them. Only points at which
 //! the two poses disagree contain information. One kind of evidence is a segment of the outline, or the border of a
@@ -27,6 +28,7 @@ pub mod explain;
 mod fit;
 pub mod gate;
 mod grid;
+pub mod identify;
 mod model;
 mod pieces;
 mod point_to_point;

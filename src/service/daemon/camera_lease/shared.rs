@@ -3,7 +3,7 @@
 
 use super::request::{ShotHeader, ShotRequest};
 use crate::daemon::ports::{CameraAnswer, CameraCommand, CameraFault, CameraPort as _, Cameras, LastState, Port};
-use panelprep_base::geometry::{ColorPicture, Joints};
+use panelprep_base::geometry::{Camera, ColorPicture, Joints, OrganizedCloud};
 use panelprep_base::verdict::Reason;
 use panelprep_cell::cycle::State;
 use panelprep_cell::files;
@@ -189,7 +189,16 @@ impl SharedCameras {
         Some(faults.into_iter().map(|fault| Reason::new("camera", fault.to_string())).collect())
     }
 
-    /// Captures a picture between cycles; blocks until the camera delivers the picture.
+    /// Takes a scan between cycles; the calling thread waits for the camera.
+    ///
+    /// # Errors
+    /// As [`SharedCameras::capture`].
+    pub(in crate::daemon) fn capture_3d(&self) -> Result<OrganizedCloud<Camera>, Reason> {
+        let shot = self.lend()?.cameras()?.cameras.scanner.capture_3d();
+        shot.map(|shot| shot.cloud).map_err(|error| Reason::new("camera", error.to_string()))
+    }
+
+    /// Takes a picture between cycles; the calling thread waits for the camera.
     ///
     /// # Errors
     /// If a cycle is running, another client uses the cameras, or the camera delivers no picture.

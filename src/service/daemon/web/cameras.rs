@@ -124,10 +124,13 @@ pub(super) async fn capture(
     }
 }
 
+/// Returns why no shot can be taken before the service has opened its cameras.
+pub(super) fn not_opened_reason() -> Reason {
+    Reason::new("not_now", "the service has not opened its cameras yet; check the state of the service")
+}
+
 fn take_shot(web: &Web, at: usize) -> Result<(), Reason> {
-    let cameras = web.front.gateway.cameras.as_ref();
-    let message = "the service has not opened its cameras yet; check the state of the service";
-    let cameras = cameras.ok_or_else(|| Reason::new("not_now", message))?;
+    let cameras = web.front.gateway.cameras.as_ref().ok_or_else(not_opened_reason)?;
     let taken = cameras.capture(CAMERA_EYES[at].2)?;
     let jpeg = encoded(&taken.picture).map_err(|problem| Reason::new("camera", problem))?;
     let view = CameraShot {

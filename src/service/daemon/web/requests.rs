@@ -1,10 +1,13 @@
 //! Requests to the cell from the page: each request passes through the gateway, like a request from the socket.
 
+use super::answers::panic_response;
+use super::cameras::not_opened_reason;
 use super::guard::VisitorExtension;
 use super::messages;
 use super::sessions::Visitor;
 use super::state::{Web, run_blocking};
 use crate::daemon::request::{PartNames, RecipeTextPermission, Reply, RequestKind, RequestResult, StartRequest};
+use crate::daemon::sources::RecipeProposal;
 use axum::extract::State;
 use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
@@ -145,7 +148,42 @@ fn refuse_start(web: &Web, visitor: &Visitor, recipe: String, why: Reason) -> Re
     to_response(visitor, &Reply::refused(RequestResult::Refused, vec![why]))
 }
 
-/// Begins a cycle with one of the recipes in the folder.
+/// The part whose panel is looked for; the other fields of the form of a start have no effect.
+#[derive(Debug, Deserialize)]
+pub(super) struct NamedPart {
+    #[serde(default)]
+    serial: String,
+}
+
+/// Proposes the recipe of the panel in the cell, from a scan that is taken now. The recipe is selected on the page; a
+/// person starts the cycle.
+pub(super) async fn identify(
+    State(web): State<Arc<Web>>,
+    Extension(visitor): VisitorExtension,
+    Json(NamedPart { serial }): Json<NamedPart>,
+) -> Response {
+    let source = web.front.setup.clone();
+    let cameras = web.front.gateway.cameras.clone();
+    let proposed = run_blocking(move || {
+        let scan = cameras.ok_or_else(not_opened_reason)?.capture_3d()?;
+        let serial = Some(serial.trim()).filter(|serial| !serial.is_empty());
+        source.propose_recipe(scan, serial).map_err(|problem| Reason::new("bad_input", problem))
+    });
+    let words = visitor.language();
+    match proposed.await {
+        Some(Ok(RecipeProposal { panel, recipe: Some(recipe), .. })) => {
+            let message = format!("{} {panel}", words.text("run.proposed"));
+            Json(json!({ "message": message, "fields": { "recipe": recipe } })).into_response()
+        }
+        Some(Ok(RecipeProposal { reasons, .. })) => {
+            to_response(&visitor, &Reply::refused(RequestResult::Refused, reasons))
+        }
+        Some(Err(reason)) => to_response(&visitor, &Reply::refused(RequestResult::Refused, vec![reason])),
+        None => panic_response(),
+    }
+}
+
+/// Begins a cycle with one of the offered recipes.
 pub(super) async fn start(
     State(web): State<Arc<Web>>,
     Extension(visitor): VisitorExtension,

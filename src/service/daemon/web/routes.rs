@@ -46,6 +46,7 @@ pub(super) static ROUTES: &[Route] = &[
     change("/request/clear", Needs(Operate), || post(requests::clear)),
     change("/request/reset", Needs(Operate), || post(requests::reset)),
     change("/request/new-disc", Needs(Operate), || post(requests::new_disc)),
+    change("/request/identify", Needs(Operate), || post(requests::identify)),
     change("/request/start", Needs(Operate), || post(requests::start)),
     change("/request/accept", Needs(Accept), || post(requests::accept)),
     view_route("/frame.jpg", Needs(View), || get(run_page::frame)),

@@ -155,6 +155,7 @@ fn start(visitor: &Visitor, recipes: &Result<Vec<RecipeHash>, String>, rules: &P
             @for (name, key, rule) in [("serial", "run.serial", &rules.serial), ("order", "run.order", &rules.order)] {
                 label { (word(key)) input name=(name) maxlength="120" autocomplete="off" required[rule.demand == NameDemand::Required] placeholder=[rule.pattern.as_deref()]; }
             }
+            button type="submit" data-post="/request/identify" formnovalidate data-needs="start" disabled { (word("run.identify")) }
             label.inline { input type="checkbox" name="another_part"; (word("run.another_part")) }
             p.told role="status" {}
             input type="hidden" name="is_clear" value="true";

@@ -17,7 +17,8 @@ for (const form of document.querySelectorAll("form[data-post]")) {
     const result = await send(path, body);
     tell(form.querySelector(".told"), result);
     for (const [name, value] of Object.entries(result.told?.fields ?? {})) form.elements[name].value = value;
-    if (result.ok) form.dispatchEvent(new Event("sent"));
-    if (result.ok && form.dataset.then && path === form.dataset.post) location.assign(form.dataset.then);
+    if (!result.ok || path !== form.dataset.post) return;
+    form.dispatchEvent(new Event("sent"));
+    if (form.dataset.then) location.assign(form.dataset.then);
   });
 }
