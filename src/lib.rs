@@ -17,7 +17,7 @@ pub use panelprep_devices as devices;
 pub use panelprep_interfaces::{archive, broker};
 pub use panelprep_interfaces::{packml, page, sparkplug};
 pub use panelprep_kuka::{eki, krl};
-pub use panelprep_service::{check, daemon, report, requirements, stages};
+pub use panelprep_service::{check, daemon, report, requirements, setup, stages};
 pub use panelprep_sim as sim;
 pub use panelprep_store::{backup, history, office, signing, store, tape};
 pub use panelprep_toolpath::{path, removal, surface};

@@ -20,9 +20,21 @@ const MAX_LAYERS: usize = 5;
 /// Crates that are not divided into top-level modules; each is treated as one module.
 const WHOLE: [&str; 2] = ["sim", "devices"];
 
-/// The modules with access to disk, network, processes or clocks; all other modules are pure.
-const EDGE: [&str; 11] =
-    ["disk", "supervision", "trust", "store", "backup", "broker", "page", "devices", "archive", "daemon", "cli"];
+/// The modules with access to the world outside of the program; all others are pure.
+const EDGE: [&str; 12] = [
+    "disk",
+    "supervision",
+    "trust",
+    "store",
+    "backup",
+    "broker",
+    "page",
+    "devices",
+    "archive",
+    "setup",
+    "daemon",
+    "cli",
+];
 
 /// Crates that only the modules in `EDGE` may use.
 const EDGE_ONLY: [&str; 8] = [

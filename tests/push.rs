@@ -3,11 +3,10 @@
 
 use super::commands::json;
 use super::service::{Service, taught};
-use panelprep::cell::Cell;
-use panelprep::daemon::{PushParts, PushSender, PushStatus, RecordPdf, RecordSource};
-use panelprep::record::CycleId;
+use panelprep::daemon::{PushParts, PushSender, PushStatus};
+use panelprep::setup::testing::write_cell;
 use panelprep::signing::CellKey;
-use panelprep::store::{CycleStart, PersonSigningRequest, Store};
+use panelprep::store::{CycleStart, Store};
 use panelprep::verdict::Verdict;
 use rustls::pki_types::{CertificateDer, PrivateKeyDer, PrivatePkcs8KeyDer};
 use std::collections::BTreeMap;
@@ -193,23 +192,6 @@ fn the_service_puts_each_signed_record() {
     );
 }
 
-/// Cycles without pages.
-struct NoPages;
-
-impl RecordSource for NoPages {
-    fn page(&self, _: CycleId) -> Result<String, String> {
-        Err("none".to_owned())
-    }
-
-    fn pdf(&self, _: CycleId) -> Result<Option<RecordPdf>, String> {
-        Err("none".to_owned())
-    }
-
-    fn sign(&self, _: &PersonSigningRequest) -> Result<u64, String> {
-        Err("none".to_owned())
-    }
-}
-
 fn signed_cycle(store: &mut Store) {
     let start = CycleStart {
         panel: "wing".to_owned(),
@@ -254,12 +236,11 @@ fn a_server_is_trusted_by_its_certificate_and_knows_the_cell_by_its_token() {
         "[push]\nto = 'https://localhost:{}/cell-1'\nca_certificate = 'ca.pem'\ntoken_file = 'token'\n",
         server.port
     );
-    let cell = Cell::check(&folder.join("cell.toml").display().to_string(), &text).expect("right");
-    let push = cell.push().expect("it is there").clone();
+    let files = write_cell(folder, &text, &[]);
+    let push = files.cell.push().expect("it is there").clone();
     let status = PushStatus::default();
     let start = |push| {
-        let (folder, records) = (folder.join("store"), Arc::new(NoPages));
-        PushSender::start(PushParts { push, folder, records, status: status.clone() }).expect("a thread")
+        PushSender::start(PushParts { push, files: files.clone(), status: status.clone() }).expect("a thread")
     };
     let reported = |words: &str| {
         let since = Instant::now();
@@ -310,7 +291,7 @@ fn a_server_is_trusted_by_its_certificate_and_knows_the_cell_by_its_token() {
     std::fs::write(went_back.path().join("store/push.json"), text).expect("written");
     signed_cycle(&mut store);
     server.taken().files.clear();
-    let parts = PushParts { push, folder: went_back.path().join("store"), records: Arc::new(NoPages), status };
+    let parts = PushParts { push, files: write_cell(went_back.path(), "", &[]), status };
     let _sender = PushSender::start(parts).expect("a thread");
     server.wait_for("cycle-1.json");
 }

@@ -27,6 +27,7 @@ pub use storage::{
 
 use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
 use panelprep_devices::mock::FaultSpec;
+use panelprep_service::setup::CellPaths;
 use std::path::PathBuf;
 
 /// Finds a composite panel, tests it for grease with water, and plans where to sand.
@@ -71,6 +72,13 @@ pub struct Common {
     /// Print only one JSON object on standard output.
     #[arg(long, global = true)]
     pub json: bool,
+}
+
+impl Common {
+    /// Returns the places of the cell's data.
+    pub fn paths(&self) -> CellPaths {
+        CellPaths { cell: self.cell.clone(), store: self.store.clone() }
+    }
 }
 
 /// The commands.
@@ -136,8 +144,8 @@ pub enum Command {
         panelprep ctl reset --cell target/cell/cell.toml\n  \
         panelprep ctl start --cell target/cell/cell.toml --recipe target/cell/recipe.toml --part SN-0017 --order W-4 --wait")]
     Ctl(Ctl),
-    /// The worker process of the 3D camera; this program starts it with a socket as its standard input.
-    #[command(name = super::zivid::ROLE, hide = true)]
+    /// The worker process of the 3D camera: started by this program, with a socket as its standard input.
+    #[command(name = panelprep_service::setup::zivid::ROLE, hide = true)]
     ZividWorker(ZividWorker),
     /// Write the manual pages and shell completions, for `make package`.
     #[command(hide = true)]

@@ -1,9 +1,8 @@
 //! `panelprep check`: checks whether configuration files are valid, and prints what they state.
 
-use super::args::{Check, Common, PurposeName};
+use super::args::{Check, PurposeName};
 use super::disk;
 use super::fault::Fault;
-use super::load::{self, CellFiles};
 use super::output::Outcome;
 use super::teach::region_parts_off_panel;
 use panelprep_base::config::{Problem, key_line};
@@ -12,6 +11,9 @@ use panelprep_cell::panel::OffPanel;
 use panelprep_cell::recipe::Recipe;
 use panelprep_service::check::{CheckedFor, DecodedText, FileReport, check_files_for, decode};
 use panelprep_service::requirements::Purpose;
+use panelprep_service::setup;
+use panelprep_service::setup::CellFiles;
+use panelprep_service::setup::CellPaths;
 use serde_json::json;
 use std::path::Path;
 
@@ -120,8 +122,8 @@ fn format_problem(Problem { line, key, message }: &Problem) -> String {
 /// data cannot be read.
 fn region_off_panel((name, text): (&str, &str), cell: &str) -> Result<Vec<Problem>, Fault> {
     let recipe = Recipe::check(name, text)?;
-    let files = CellFiles::read(&Common { cell: cell.into(), store: None, json: false })?;
-    let taught = load::taught(&files, Path::new(name), &recipe)?;
+    let files = CellFiles::read(&CellPaths { cell: cell.into(), store: None })?;
+    let taught = setup::taught(&files, Path::new(name), &recipe)?;
     let key = "region.corners_px";
     let problem =
         |off: &OffPanel| Problem { line: key_line(text, key), key: key.to_owned(), message: off.reason().message };

@@ -1,44 +1,15 @@
 //! Finds what responds: a program at an address, and the cameras and the controller of a cell. No data is sent to a
 //! program, nothing is set, and nothing moves.
 
-use super::zivid::{LIBRARY, OWN_EXECUTABLE, ROLE};
 use panelprep_devices::gige;
 use panelprep_devices::zivid::{
     AnswerTimeouts, CameraSetup, Restarts, Size, Source, ZividFault, ZividScanner, command_launcher,
 };
-use std::io::{Error, ErrorKind};
-use std::net::{TcpStream, ToSocketAddrs};
-use std::sync::mpsc;
-use std::thread;
+use panelprep_service::daemon::accept_connection;
+use panelprep_service::setup::zivid::{LIBRARY, OWN_EXECUTABLE, ROLE};
 use std::time::Duration;
 
-/// Connects to the first address of `place` that accepts a connection. `within` is the time limit of each attempt and
-/// of the host name lookup.
-///
-/// # Errors
-/// If no address accepts a connection; the error is the reason as a text.
-pub(super) fn connected(place: impl ToSocketAddrs + Send + 'static, within: Duration) -> Result<(), String> {
-    let (sender, receiver) = mpsc::channel();
-    // A separate thread is needed, because a host name lookup may take minutes.
-    thread::spawn(move || {
-        let connect = || {
-            let mut last = Error::new(ErrorKind::NotFound, "the host name has no address");
-            for address in place.to_socket_addrs()? {
-                match TcpStream::connect_timeout(&address, within) {
-                    Ok(_) => return Ok(()),
-                    Err(error) => last = error,
-                }
-            }
-            Err(last)
-        };
-        sender.send(connect().map_err(|error: Error| error.to_string()))
-    });
-    receiver
-        .recv_timeout(2 * within)
-        .unwrap_or_else(|_| Err(format!("no response within {} s", 2 * within.as_secs())))
-}
-
-/// Time limit for the response of the controller.
+/// Time limit for the controller's answer.
 const RESPONSE_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// The devices of one kind that were found: serial numbers, and a text for a person.
@@ -100,7 +71,7 @@ fn find_single_zivid_serial() -> Result<String, String> {
 /// Returns a text that states whether a program listens at the controller's address.
 pub(super) fn controller(host: &str, port: u16) -> String {
     let place = format!("{host}, port {port}");
-    match connected((host.to_owned(), port), RESPONSE_TIMEOUT) {
+    match accept_connection((host.to_owned(), port), RESPONSE_TIMEOUT) {
         Ok(()) => format!("{place}: the controller accepts connections; `panelprep doctor` checks more"),
         Err(problem) => format!("{place}: no response yet: {problem}"),
     }

@@ -6,28 +6,27 @@
 //! table as `panelprep ctl clear` sends to a service, and exits when the cell is at rest again. So the same conditions
 //! apply: the robot responds and is at standstill, and feedbacks confirm that tool and water are off.
 
-use super::args::{Common, Ctl, CtlAsk, CtlStart, Decision};
+use super::args::{Common, Ctl, CtlAsk, Decision};
+use super::disk;
 use super::fault::Fault;
 use super::identify::{Proposal, ProposalLimits, propose};
 use super::live::robot_alone;
-use super::load::CellFiles;
-use super::output::{Outcome, read_answer_line, write_progress};
-use super::{disk, part};
-use panelprep_base::geometry::Joints;
+use super::output::{Outcome, write_progress};
 use panelprep_base::supervision::{Supervisor, ThreadFault};
 use panelprep_base::verdict::{Judgement, Reason, Verdict};
 use panelprep_cell::cycle::{self, At, Robot, State};
 use panelprep_devices::cameras::Scanner as _;
 use panelprep_service::daemon::{
-    self, CellSetup, Computing, LinkedTool, LoopEvent, LoopPorts, LoopStart, MAX_BYTES, NoCameras,
-    RecipeTextPermission, RecordIn, RemoteScanner, Reply, Request, RequestKind, RequestResult, Requester,
-    StartRequest, StoreRecord, current_user, request_line,
+    self, ClientError, Computing, LinkedTool, LoopEvent, LoopPorts, LoopStart, NoCameras, Reply, Request,
+    RequestKind, RequestResult, Requester, StoreRecord, current_user, send_to_service,
 };
+use panelprep_service::setup;
+use panelprep_service::setup::CellFiles;
+use panelprep_service::setup::{CellSetup, RecipeTextPermission, RecordIn, StartRequest};
 use panelprep_store::tape::LoopMemoryStart;
 use serde_json::{Map, Value, json};
-use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
-use std::os::unix::net::UnixStream;
-use std::path::{Path, PathBuf};
+use std::io::Write;
+use std::path::Path;
 use std::sync::Arc;
 use std::thread;
 use std::time::{Duration, Instant};
@@ -37,14 +36,14 @@ const RETRY_TIMEOUT: Duration = Duration::from_secs(5);
 
 const RETRY_INTERVAL: Duration = Duration::from_millis(20);
 
-/// Repeats a hold or an abort while the service, or the connection to it, is too busy to accept the request.
-fn send_stop_with_retries(socket: &Path, what: &RequestKind) -> Result<Reply, Fault> {
+/// Repeats a request for a stop while the service, or the connection to it, is too busy to accept the request.
+fn send_stop_with_retries(socket: &Path, what: &RequestKind) -> Result<Reply, ClientError> {
     let since = Instant::now();
     loop {
         let answered = send_to_service(socket, what);
         let is_busy = match &answered {
             Ok(reply) => reply.reasons.iter().any(|reason| reason.code == "busy"),
-            Err(Fault::NoService { .. }) => false,
+            Err(ClientError::NoService { .. }) => false,
             Err(_) => true,
         };
         if !is_busy || since.elapsed() >= RETRY_TIMEOUT {
@@ -54,27 +53,7 @@ fn send_stop_with_retries(socket: &Path, what: &RequestKind) -> Result<Reply, Fa
     }
 }
 
-pub(super) fn send_to_service(socket: &Path, what: &RequestKind) -> Result<Reply, Fault> {
-    let named = |error: std::io::Error| Fault::file_fault(socket, error);
-    let mut stream = UnixStream::connect(socket).map_err(|error| match error.kind() {
-        ErrorKind::NotFound | ErrorKind::ConnectionRefused => Fault::NoService { socket: socket.to_owned() },
-        _ => named(error),
-    })?;
-    stream.set_read_timeout(Some(RESPONSE_TIMEOUT)).map_err(named)?;
-    stream.set_write_timeout(Some(RESPONSE_TIMEOUT)).map_err(named)?;
-    let line = request_line(what).map_err(Fault::stage)?;
-    // The service refuses a request that is too long before it has read the whole line, so a write error is reported
-    // only if there is no reply.
-    let written = stream.write_all(line.as_bytes());
-    let mut answer = Vec::new();
-    let read = BufReader::new(stream).take(MAX_BYTES as u64).read_until(b'\n', &mut answer);
-    if answer.is_empty() {
-        written.and(read.map(drop)).map_err(named)?;
-    }
-    serde_json::from_slice(&answer).map_err(|error| Fault::file_fault(socket, error))
-}
-
-/// Returns the fields of a reply for the JSON output.
+/// Returns the fields of a reply that scripts read.
 pub(super) fn object(reply: &Reply) -> Map<String, Value> {
     let Reply { answer, state, phase, epoch, step, cycle_id, verdict, recording, reasons, done, .. } = reply;
     let Reply { panel, pass, film_s, waypoint, of, page, axes_deg, .. } = reply;
@@ -123,25 +102,12 @@ fn describe_progress(reply: &Reply) -> String {
     parts.join(", ")
 }
 
-/// Returns the state of the service; `None` if no service responds.
-pub(super) fn service_state(socket: &Path) -> Option<String> {
-    send_to_service(socket, &RequestKind::State).ok()?.state.map(|state| state.to_string())
-}
-
-/// Returns the axis angles of the arm; `None` if no service responds or the service does not know them.
-pub(super) fn service_axes(socket: &Path) -> Option<Joints> {
-    send_to_service(socket, &RequestKind::State).ok()?.axes_deg.map(Joints::from)
-}
-
-/// Time limit for a reply: the service replies to a start only after it has loaded the taught data.
-const RESPONSE_TIMEOUT: Duration = Duration::from_secs(60);
-
-/// Sends the request and reports the reply.
+/// Sends the request and reports the answer.
 ///
 /// # Errors
 /// If a file is invalid, or no service responds.
 pub fn run(args: &Ctl, common: &Common) -> Result<Outcome, Fault> {
-    let files = CellFiles::read(common)?;
+    let files = CellFiles::read(&common.paths())?;
     let socket = files.socket();
     match &args.ask {
         CtlAsk::Watch => return print_changes(&socket, common.json),
@@ -213,6 +179,16 @@ fn confirm_proposal(args: &CtlStart, files: &CellFiles, socket: &Path) -> Result
 
 fn to_request(ask: &CtlAsk, socket: &Path) -> Result<RequestKind, Fault> {
     Ok(match ask {
+        CtlAsk::Start { recipe, record, part, count, .. } => RequestKind::Start(StartRequest {
+            recipe: recipe.display().to_string(),
+            text: disk::read_text(recipe)?,
+            record: record.as_ref().map(|file| record_in(file.as_deref())).transpose()?,
+            part: setup::parse_part_names(part.names())?,
+            another_part: count.another_part,
+            lost_passes: count.lost_passes,
+            is_stated_clear: false,
+            own_text: RecipeTextPermission::default(),
+        }),
         CtlAsk::Hold => RequestKind::Table(cycle::Request::Hold),
         CtlAsk::Unhold { dried, decision } => {
             decision_request(socket, cycle::Request::Unhold { dried: *dried }, *decision)?
@@ -339,7 +315,7 @@ fn is_page_written(reply: &Reply) -> bool {
     reply.page.is_some()
 }
 
-fn state(socket: &Path) -> Result<Reply, Fault> {
+fn state(socket: &Path) -> Result<Reply, ClientError> {
     let since = Instant::now();
     loop {
         match send_to_service(socket, &RequestKind::State) {
@@ -377,9 +353,9 @@ const CONNECT_TIMEOUT: Duration = Duration::from_secs(10);
 /// # Errors
 /// If a file is invalid, there is no store, a service uses the store, or the store cannot be written.
 pub fn clear(common: &Common) -> Result<Outcome, Fault> {
-    let files = CellFiles::read(common)?;
-    let cell = Arc::new(CellSetup::new(&files.cell).map_err(Fault::stage)?);
-    // If there is no store, this returns an error: there is nothing to clear, and no store is created.
+    let files = CellFiles::read(&common.paths())?;
+    let cell = Arc::new(CellSetup::new(&files.cell)?);
+    // If no store exists, there is nothing to clear, and no store is created.
     drop(files.store()?);
     let mut store = files.store_for_writing()?;
     let recovered = store.recover().map_err(Fault::stage)?;

@@ -4,14 +4,10 @@
 //! The first SIGINT or SIGTERM stops the cycle; the second one aborts it.
 
 use super::args::{Common, Cycle, Simulation};
-use super::cycle_files::{self, Calibrated, TaughtRecipe};
 use super::fault::{DeviceFault, Fault};
 use super::live::{self, CellDevices, FlangeLink, SimulatedController};
-use super::load::CellFiles;
 use super::output::Outcome;
-use super::report::{self, StoredCycle};
-use super::simulated::FollowedRobot;
-use super::{record as signed, recording};
+use super::report;
 use panelprep_base::geometry::KukaPose;
 use panelprep_base::supervision::{Supervisor, ThreadFault};
 use panelprep_base::verdict::{Judgement, Reason, Verdict};
@@ -20,10 +16,15 @@ use panelprep_cell::cycle::{self, At, Event, Hold, Phase, Refusal, Report, Robot
 use panelprep_cell::record::{Answer, RecordingFile, RequestAuthor, RequestRecord, RequestSource, RequestedAction};
 use panelprep_devices::robot::StopLine;
 use panelprep_service::daemon::{
-    self, Calibrations, Computing, LiveView, LoopEvent, LoopOutcome, LoopPorts, LoopStart, RecordPort as _,
-    RecordedPort, RecordingResult, RecordingSwitch, Request, RequestKind, Requester, StoreRecord, current_user,
+    self, Computing, LiveView, LoopEvent, LoopOutcome, LoopPorts, LoopStart, RecordPort as _, RecordedPort,
+    RecordingSwitch, Request, RequestKind, Requester, StoreRecord, current_user,
 };
 use panelprep_service::requirements::Purpose;
+use panelprep_service::setup;
+use panelprep_service::setup::CellFiles;
+use panelprep_service::setup::StoredCycle;
+use panelprep_service::setup::{Calibrated, TaughtRecipe};
+use panelprep_service::setup::{Calibrations, RecordingResult};
 use panelprep_store::store::CycleStart;
 use panelprep_store::tape::LoopMemoryStart;
 use serde_json::json;
@@ -94,14 +95,17 @@ fn run_once(
     progress: &dyn Fn(&str),
     (request, needed): (fn(&TaughtRecipe) -> cycle::Request, ProofStage),
 ) -> Result<Outcome, Fault> {
-    let files = CellFiles::read(common)?;
+    let files = CellFiles::read(&common.paths())?;
     files.require(Purpose::Cycle)?;
     live::require_signed(&files.cell, needed)?;
     if let Some(file) = &args.record {
-        recording::check_command_file(file, files.store_folder())?;
+        setup::check_command_file(file, files.store_folder())?;
     }
-    let taught_recipe =
-        TaughtRecipe::read(&files, &args.recipe)?.with_part(&files, Some(args.part.names()), args.count)?;
+    let taught_recipe = TaughtRecipe::read(&files, &args.recipe)?.with_part(
+        &files,
+        Some(args.part.names()),
+        args.count.statement(),
+    )?;
     let taught_recipe = taught_recipe.on_foam(args.on_foam);
     // An air-run sands nothing, so the maximum number of passes does not apply.
     if matches!(request(&taught_recipe), cycle::Request::Start { .. }) {
@@ -111,8 +115,8 @@ fn run_once(
         }
         taught_recipe.check_part_passes()?;
     }
-    let calibrated = Calibrated::read(&files, common)?;
-    let health = cycle_files::judge_health(&files)?;
+    let calibrated = Calibrated::read(&files)?;
+    let health = setup::judge_health(&files)?;
     if health.verdict == Verdict::Reject {
         return Ok(unhealthy_outcome(&health));
     }
@@ -126,7 +130,7 @@ fn run_once(
     }
     // The records are signed before the pages are written, because the pages contain the signatures.
     sign(&files, progress);
-    report::make_missing_pages(&files, &|cycle, page| match page {
+    setup::make_missing_pages(&files, &|cycle, page| match page {
         Ok(page) => progress(&format!("the missing page of cycle {cycle} was made: {}", page.display())),
         Err(fault) => progress(&format!("the page of cycle {cycle} could not be made: {fault}")),
     })?;
@@ -134,7 +138,7 @@ fn run_once(
     let record = args.record.as_deref();
     let how = Run { start: CellDevices::start, simulation: args.simulation, request, record, interrupts };
     let ran = run_one(&files, (&taught_recipe, &calibrated), how, progress)?;
-    let page = report::page_file(files.store_folder(), ran.stored.record.id);
+    let page = setup::page_file(files.store_folder(), ran.stored.record.id);
     ran.stored.write(files.cell.retention(), &page, ran.recorded.as_ref())?;
     let mut outcome = ran.outcome(ran.judgement());
     outcome.add_line(format!("page: {}", page.display()));
@@ -146,8 +150,8 @@ fn run_once(
 /// at the next start.
 fn sign(files: &CellFiles, progress: &dyn Fn(&str)) {
     let report = |result: Result<String, String>| progress(&result.unwrap_or_else(|problem| problem));
-    if let Err(fault) = signed::sign_missing(files, &report) {
-        progress(&format!("the records could not be signed: {fault}; they are signed at the next start"));
+    if let Err(fault) = setup::sign_missing(files, &report) {
+        progress(&format!("the records could not be signed: {fault}"));
     }
 }
 
@@ -194,8 +198,8 @@ pub fn run_one(
     let lock_step = live.robot.is_lock_step();
     let recording = RecordingSwitch::new(files.store_folder(), lock_step);
     if let Some(file) = record {
-        let to = recording::plan(Some(file.to_owned()), files, (taught_recipe, calibrated))?;
-        recording.begin_recording(file, to, state).map_err(|error| recording::refused(file, error))?;
+        let to = setup::plan_recording(Some(file.to_owned()), files, (taught_recipe, calibrated))?;
+        recording.begin_recording(file, to, state).map_err(|error| setup::open_refusal(file, error))?;
     }
     // The recording is opened first: if this fails, no cycle is begun that would have to be ended.
     let cycle = store.begin_cycle(&start).map_err(Fault::stage)?;

@@ -11,16 +11,17 @@
 use super::args::{Common, Demo, Simulation, Teach, ToolName, TreatName, real_arm};
 use super::calibrate::args::CameraName;
 use super::calibrate::{self, args as asked, tool, verify};
-use super::cycle_files::{self, Calibrated, TaughtRecipe};
 use super::fault::Fault;
 use super::live::CellDevices;
-use super::load::CellFiles;
 use super::output::Outcome;
 use super::render_boards::{self, RenderedFiles};
 use super::score::Score;
-use super::{cycle, disk, recording, render, teach, user};
+use super::{cycle, disk, render, teach, user};
 use panelprep_base::verdict::{Judgement, Verdict};
 use panelprep_cell::accounts::Role;
+use panelprep_service::setup;
+use panelprep_service::setup::CellFiles;
+use panelprep_service::setup::{Calibrated, TaughtRecipe};
 use panelprep_sim as sim;
 use panelprep_sim::Scene;
 use panelprep_vision::calib::CalibError;
@@ -43,7 +44,7 @@ pub fn run(args: &Demo, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     let scene = Scene::from(args.scene);
     // The file is checked before anything is rendered or moves.
     if let Some(file) = &args.record {
-        recording::check_command_file(file, &args.out.join("cell/store"))?;
+        setup::check_command_file(file, &args.out.join("cell/store"))?;
     }
     let rendered = {
         let arm = real_arm(args.seed, args.arm_error_mm);
@@ -88,7 +89,7 @@ pub fn run(args: &Demo, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
         pictures: None,
     };
     teach::run(&teaching, &common)?;
-    let files = CellFiles::read(&common)?;
+    let files = CellFiles::read(&common.paths())?;
     let taught_recipe = TaughtRecipe::read(&files, &teaching.recipe)?;
     progress("verifying both cameras and the tool on their boards");
     let off_mm = |outcome: Outcome| outcome.json.get("error_mm").cloned();
@@ -100,7 +101,7 @@ pub fn run(args: &Demo, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
         "tool_mm": off_mm(verify::touch(&rendered.touch(), &common)?),
         "force_n": force.and_then(|outcome| outcome.json.get("error_n").cloned()),
     });
-    let health = cycle_files::judge_health(&files)?;
+    let health = setup::judge_health(&files)?;
     if health.verdict == Verdict::Reject {
         let mut outcome = cycle::unhealthy_outcome(&health);
         outcome.add_value("verified", verified);
@@ -109,7 +110,7 @@ pub fn run(args: &Demo, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     if let Some(address) = args.page {
         return serve(address, (&files, &common), simulation, &progress);
     }
-    let calibrated = Calibrated::read(&files, &common)?;
+    let calibrated = Calibrated::read(&files)?;
     let how = cycle::Run {
         interrupts: Default::default(),
         start: CellDevices::start_demo,
@@ -333,7 +334,7 @@ fn calibrate_tool(seed: u64, rendered: &RenderedFiles, progress: &dyn Fn(&str)) 
     disk::write(&common.cell, format!("{cell}{tool}"))?;
     let recipe = rendered.file_path("recipe.toml");
     let text = disk::read_text(&recipe)?;
-    disk::write(&recipe, format!("{text}{RECIPE_SETTINGS}"))
+    Ok(disk::write(&recipe, format!("{text}{RECIPE_SETTINGS}"))?)
 }
 
 /// Verifies payload and force zero with the same measurements, as a person does at the start of each day.

@@ -6,25 +6,18 @@ mod data;
 pub use cell::{CalibrationFault, DeviceFault};
 pub use data::{ClipFault, RecordFault, TeachingFault};
 
-use panelprep_service::daemon::DaemonError;
-use panelprep_service::requirements::{Purpose, UnmetRequirement};
+use panelprep_base::config::Problems;
+use panelprep_service::daemon::{ClientError, DaemonError};
+use panelprep_service::setup::SetupFault;
 use std::error::Error;
 use std::path::{Path, PathBuf};
 
 /// The reason why a command failed: invalid input, or a disk error. The exit code is 2 unless stated otherwise.
 #[derive(Debug, thiserror::Error)]
 pub enum Fault {
-    /// A file does not have the required content.
-    #[error("{}: {cause}", file.display())]
-    File {
-        /// The path of the file as the user stated it.
-        file: PathBuf,
-        /// The problem in the file.
-        cause: Box<dyn Error + Send + Sync>,
-    },
-    /// A configuration file has problems; each is listed with its line.
+    /// The cell's set-up, a file or a stage's input cannot be used.
     #[error(transparent)]
-    Configuration(#[from] panelprep_base::config::Problems),
+    Setup(#[from] SetupFault),
     /// A calibration failed.
     #[error(transparent)]
     Calibration(#[from] CalibrationFault),
@@ -40,45 +33,6 @@ pub enum Fault {
     /// The records do not contain what was requested, or do not accept a part.
     #[error(transparent)]
     Record(#[from] RecordFault),
-    /// The cell file does not state everything that the command needs.
-    #[error("{}", format_missing(cell, *purpose, unmet))]
-    Unmet {
-        /// The cell's file.
-        cell: PathBuf,
-        /// The purpose for which the cell file is not complete.
-        purpose: Purpose,
-        /// The missing entries.
-        unmet: Vec<UnmetRequirement>,
-    },
-    /// A program has ended while a motion was in progress.
-    #[error(
-        "a motion is open in the store: a program ended while the robot moved. Nothing moves until a person has \
-         checked the cell; check the cell, jog the pad off the panel if it touches, then run `panelprep \
-         clear --cell {}`",
-        cell.display()
-    )]
-    MotionOpen {
-        /// The cell's file.
-        cell: PathBuf,
-    },
-    /// The last cycle was aborted and not cleared.
-    #[error(
-        "the last cycle in this store was aborted, and no person has confirmed that the cause is removed; check the \
-         cell, then run `panelprep clear --cell {}`", cell.display()
-    )]
-    NotCleared {
-        /// The cell's file.
-        cell: PathBuf,
-    },
-    /// The content of the store differs from what this program has written.
-    #[error(
-        "the store's content was changed or damaged: `panelprep store verify` lists the differences. Nothing \
-         moves until a person has checked the cell and run `panelprep clear --cell {}`", cell.display()
-    )]
-    StoreChanged {
-        /// The cell's file.
-        cell: PathBuf,
-    },
     /// No message has this code.
     #[error("no message has the code {found}{}; `panelprep explain` lists all codes", nearest.as_ref().map_or(String::new(), |nearest| format!(": did you mean {nearest}?")))]
     NoSuchCode {
@@ -106,16 +60,10 @@ pub enum Fault {
         /// The command.
         command: &'static str,
     },
-    /// No service listens on the socket.
-    #[error(
-        "{}: no service answers; start `panelprep run` with the same --cell and --store (or `systemctl start \
-         panelprep`), then try again", socket.display()
-    )]
-    NoService {
-        /// The socket.
-        socket: PathBuf,
-    },
-    /// The folder to be written contains other files.
+    /// The service does not answer.
+    #[error(transparent)]
+    Service(#[from] ClientError),
+    /// A folder that contains other files.
     #[error("{}: is not empty and was not written by `panelprep render`; name a new folder", folder.display())]
     NotOwnFolder {
         /// The folder.
@@ -145,15 +93,7 @@ pub enum Fault {
         /// The number of the service's last cycle.
         found: Option<i64>,
     },
-    /// A client requested a recording at a path that is not permitted.
-    #[error("--record \"{file}\": {words}")]
-    RecordName {
-        /// The file name; unprintable characters are escaped.
-        file: String,
-        /// The problem of the file name, and what is valid.
-        words: &'static str,
-    },
-    /// A new file would overwrite an existing one.
+    /// A new file would be written over another one.
     #[error("{} already exists and is not overwritten; name another file with --out, or move the existing file", file.display())]
     AlreadyExists {
         /// The file.
@@ -182,18 +122,12 @@ pub enum Fault {
     /// A thread of the program failed; the exit code is 3.
     #[error(transparent)]
     Broken(#[from] panelprep_base::supervision::ThreadFault),
-    /// A stage refused its input; the message is that of the stage.
-    #[error(transparent)]
-    Stage(Box<dyn Error + Send + Sync>),
 }
 
-/// Returns one line for each missing item; the first line also names the commands that need the items.
-fn format_missing(cell: &Path, purpose: Purpose, unmet: &[UnmetRequirement]) -> String {
-    let mut needed_by = format!(" ({} need it)", purpose.commands());
-    let mut line = |UnmetRequirement { key, message, .. }: &UnmetRequirement| {
-        format!("{}: {key}: {message}{}", cell.display(), std::mem::take(&mut needed_by))
-    };
-    unmet.iter().map(&mut line).collect::<Vec<_>>().join("\n")
+impl From<Problems> for Fault {
+    fn from(problems: Problems) -> Self {
+        SetupFault::from(problems).into()
+    }
 }
 
 impl Fault {
@@ -208,7 +142,7 @@ impl Fault {
 
     /// Creates the error for a file with a problem.
     pub fn file_fault(file: &Path, cause: impl Into<Box<dyn Error + Send + Sync>>) -> Self {
-        Fault::File { file: file.to_owned(), cause: cause.into() }
+        SetupFault::file_fault(file, cause).into()
     }
 
     /// Converts the error that ended the control loop.
@@ -221,7 +155,7 @@ impl Fault {
 
     /// Converts the error of a stage.
     pub fn stage(cause: impl Error + Send + Sync + 'static) -> Self {
-        Fault::Stage(Box::new(cause))
+        SetupFault::stage(cause).into()
     }
 }
 

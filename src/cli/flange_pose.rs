@@ -2,14 +2,16 @@
 //! controller, or by the source of the picture; otherwise a person reads it from the pendant.
 
 use super::fault::Fault;
-use super::load::CellFiles;
 use super::output::{read_answer_line, write_progress};
-use super::{ctl, live, robot};
+use super::{live, robot};
 use panelprep_base::geometry::{Base, Flange, Joints, KukaPose, Rigid};
 use panelprep_cell::cell::{self, RobotKind};
 use panelprep_cell::files::ReportedFlange;
 use panelprep_kuka::eki::Report;
+use panelprep_service::daemon::service_axes;
+use panelprep_service::daemon::service_state;
 use panelprep_service::daemon::{LinkedRobot, RobotPort};
+use panelprep_service::setup::CellFiles;
 use panelprep_toolpath::path::Kinematics;
 use std::cell::{Cell as Counter, RefCell};
 use std::path::PathBuf;
@@ -60,8 +62,8 @@ impl<'c> FlangePoses<'c> {
     /// Returns the current axis angles, before a picture is captured. They come from the running service if it knows
     /// them or, if no service runs, from the controller if it responds.
     pub fn now(&self) -> Option<Joints> {
-        match ctl::service_state(&self.socket) {
-            Some(_) => ctl::service_axes(&self.socket),
+        match service_state(&self.socket) {
+            Some(_) => service_axes(&self.socket),
             None => self.ask_controller(),
         }
     }

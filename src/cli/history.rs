@@ -3,13 +3,13 @@
 
 use super::args::{Common, EndName, History, HistoryTask, SearchArguments};
 use super::fault::{Fault, RecordFault};
-use super::load::CellFiles;
 use super::output::Outcome;
 use panelprep_base::config::nearest;
 use panelprep_base::number_text::{fixed_decimals, shortest_text, utc_text};
 use panelprep_base::verdict::{Check, Limit, Reason, Verdict};
 use panelprep_cell::record::{CycleId, PartNames};
 use panelprep_service::report::format_value;
+use panelprep_service::setup::CellFiles;
 use panelprep_store::history::{
     self, Alarm, Comparison, Edge, HeatMap, Hits, KnownQuantity, PastCycle, Quantity, Query, RequiredEnd, Summary,
     Table, Trend,
@@ -26,7 +26,7 @@ pub fn run(args: &History, common: &Common) -> Result<Outcome, Fault> {
     let store = match &common.store {
         // A copy of the store in another folder can be read without a cell file.
         Some(folder) => Store::open(folder).map_err(Fault::stage)?,
-        None => CellFiles::read(common)?.store()?,
+        None => CellFiles::read(&common.paths())?.store()?,
     };
     if args.what.is_some() && args.search != SearchArguments::default() {
         return Err(RecordFault::SearchBesideTask.into());

@@ -9,7 +9,7 @@ use super::args::{Common, Inspect};
 use super::disk;
 use super::fault::{ClipFault, Fault};
 use super::inspected::{self, InspectedClip, Labels, PlacedPanel, abraded_pixels, inspect};
-use super::load::{self, CellFiles, LoadedPanel};
+use super::load;
 use super::output::{self, Outcome};
 use panelprep_base::geometry::Mask;
 use panelprep_base::geometry::statistics::mean;
@@ -19,6 +19,8 @@ use panelprep_cell::labels::{LABELS, MASK};
 use panelprep_cell::recipe::Recipe;
 use panelprep_service::report::page::Figure;
 use panelprep_service::report::{BarClass, draw_bars, inspection_page};
+use panelprep_service::setup;
+use panelprep_service::setup::{CellFiles, LoadedPanel};
 use panelprep_service::stages::film::FilmSetup;
 use panelprep_vision::inspect::{Confusion, Demands, Score, score_within};
 use serde_json::{Value, json};
@@ -33,10 +35,10 @@ pub fn run(args: &Inspect, common: &Common) -> Result<Outcome, Fault> {
     if let Some(folder) = args.pictures.as_ref().filter(|folder| folder.join(LABELS).exists()) {
         return Err(ClipFault::HoldsLabels { folder: folder.clone() }.into());
     }
-    let files = CellFiles::read(common)?;
+    let files = CellFiles::read(&common.paths())?;
     let recipe = load::recipe(&args.recipe)?;
     let placed = PlacedPanel::read(&files, &recipe, args.located.as_ref())?;
-    let taught = load::taught(&files, &args.recipe, &recipe)?;
+    let taught = setup::taught(&files, &args.recipe, &recipe)?;
     let demands = Demands::from_recipe(&recipe, files.cell.limits());
     let clip = match (&args.clip, &args.truth) {
         (Some(clip), _) => clip,

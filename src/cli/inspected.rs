@@ -3,7 +3,7 @@
 
 use super::disk;
 use super::fault::{ClipFault, Fault};
-use super::load::{self, CellFiles, LoadedPanel};
+use super::load;
 use super::output::{self, Outcome};
 use panelprep_base::geometry::{Base, Camera, ColorPicture, Mask, Panel, PinholeCamera, Rigid, median};
 use panelprep_base::phase::Phase;
@@ -11,6 +11,7 @@ use panelprep_cell::files::{self, Clip, ClipEntry, content_hash};
 use panelprep_cell::labels::{self, LABELS, MASK, TIMES_FILE, color_to_time};
 use panelprep_cell::panel::GridId;
 use panelprep_cell::recipe::Recipe;
+use panelprep_service::setup::{CellFiles, LoadedPanel};
 use panelprep_service::stages::film::{FilmOutcome, FilmRun, FilmSetup};
 use panelprep_toolpath::path::touching;
 use panelprep_vision::inspect::{Confusion, Demands, Inspection, Score, score};

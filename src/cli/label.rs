@@ -10,7 +10,7 @@ use super::calibrate::now_unix_s;
 use super::disk;
 use super::fault::{ClipFault, Fault};
 use super::inspected::{PlacedPanel, clip_hash, read_clip};
-use super::load::{self, CellFiles};
+use super::load;
 use super::output::{Outcome, write_progress};
 use panelprep_base::geometry::PinholeCamera;
 use panelprep_base::number_text::utc_text;
@@ -22,6 +22,8 @@ use panelprep_cell::labels::{
 };
 use panelprep_interfaces::page::LocalServer;
 use panelprep_interfaces::page::label::{self, CurrentLabels, GridOutline, LabelSheet, LabelStorage, SaveResult};
+use panelprep_service::setup;
+use panelprep_service::setup::CellFiles;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -78,10 +80,10 @@ fn size_px(folder: &Path, shots: &[ClipEntry], camera: Option<&PinholeCamera>) -
 
 /// Returns the outlines of the grids in the camera's picture, and the camera.
 fn grids(recipe_file: &Path, args: &Label, common: &Common) -> Result<(Vec<GridOutline>, PinholeCamera), Fault> {
-    let cell_files = CellFiles::read(common)?;
+    let cell_files = CellFiles::read(&common.paths())?;
     let recipe = load::recipe(recipe_file)?;
     let placed = PlacedPanel::read(&cell_files, &recipe, args.located.as_ref())?;
-    let taught = load::taught(&cell_files, recipe_file, &recipe)?;
+    let taught = setup::taught(&cell_files, recipe_file, &recipe)?;
     let camera_from_panel = placed.base_from_camera.inverse() * placed.base_from_panel;
     let outline = |grid: &panelprep_cell::panel::Grid| {
         let seen = grid.edge.iter().filter_map(|&point| placed.camera.project(camera_from_panel * point));

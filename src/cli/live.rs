@@ -10,24 +10,23 @@
 
 use super::args::{Simulation, real_arm};
 use super::fault::{DeviceFault, Fault};
-#[cfg(feature = "gige")]
-use super::load::calibrated_serial;
-use super::zivid;
 use panelprep_base::geometry::{Joints, PinholeCamera};
 use panelprep_base::supervision::WatchedThread;
 use panelprep_cell::cell::{self, Cell, MockController, ProofStage, RobotKind};
 use panelprep_devices::acf::{AcfLink, PlannedToolFault, SimulatedAcf, SimulatedPanel};
+#[cfg(feature = "gige")]
+use panelprep_devices::cameras::LoopbackFlangeCamera;
 use panelprep_devices::cameras::{
     Arm, BayerFlangeCamera, FlangeCamera, RecordedFlangeCamera, RecordedScanner, Scanner, SimulatedFlangeCamera,
     SimulatedScanner, simulated_cameras,
 };
-#[cfg(feature = "gige")]
-use panelprep_devices::cameras::{GigeFlangeCamera, LoopbackFlangeCamera};
 use panelprep_devices::mock::{self, ChannelFile, Controller, MockServer, Programs, Setup};
 use panelprep_devices::robot::{Address, BlockingLink, link_limits};
 use panelprep_devices::world::{Follower, SimulatedWorld};
 use panelprep_kuka::eki::{CELLCMD, CELLSTAT, ClockMode, Mode};
-use panelprep_service::daemon::{AllCameras, Calibrations, Cameras, LinkedRobot, LinkedTool, SingleRobot};
+use panelprep_service::daemon::{AllCameras, Cameras, LinkedRobot, LinkedTool, SingleRobot};
+use panelprep_service::setup;
+use panelprep_service::setup::Calibrations;
 use panelprep_sim as sim;
 use serde_json::{Value, json};
 use std::time::Duration;
@@ -214,21 +213,6 @@ fn flange_sensor(simulated: &SimulatedController, _: &Calibrations) -> (Box<dyn 
     (Box::new(BayerFlangeCamera::new(simulated.cameras().1)), FlangeLink::Direct(why))
 }
 
-/// Opens the GigE Vision camera that the cell's file names.
-///
-/// # Errors
-/// If a file cannot be read, or there is no thread or driver.
-#[cfg(feature = "gige")]
-pub fn gige_camera(cell: &Cell, gige: &cell::Gige, lens: &PinholeCamera) -> Result<Box<dyn FlangeCamera>, Fault> {
-    let serial = calibrated_serial(cell.calibration().flange_camera.as_deref())?;
-    Ok(Box::new(GigeFlangeCamera::open(gige, lens, serial).map_err(Fault::stage)?))
-}
-
-#[cfg(not(feature = "gige"))]
-pub fn gige_camera(_: &Cell, _: &cell::Gige, _: &PinholeCamera) -> Result<Box<dyn FlangeCamera>, Fault> {
-    Err(DeviceFault::BuiltWithoutGige.into())
-}
-
 /// Starts only the robot that the cell's file names; a mock robot has the simulated world around it.
 ///
 /// # Errors
@@ -369,14 +353,14 @@ fn cameras(
         cell::Camera::Recorded { folder } => {
             Box::new(RecordedScanner::open(folder, calibrations.scanner).map_err(Fault::stage)?)
         }
-        cell::Camera::Device(camera) => Box::new(zivid::scanner(cell, camera, &calibrations.scanner)?),
+        cell::Camera::Device(camera) => Box::new(setup::zivid::scanner(cell, camera, &calibrations.scanner)?),
     };
     let flange: Box<dyn FlangeCamera> = match cell.flange_camera() {
         cell::Camera::Simulated => Box::new(simulated()?.1),
         cell::Camera::Recorded { folder } => {
             Box::new(RecordedFlangeCamera::open(folder, calibrations.flange_camera).map_err(Fault::stage)?)
         }
-        cell::Camera::Device(gige) => gige_camera(cell, gige, &calibrations.flange_camera)?,
+        cell::Camera::Device(gige) => setup::cameras::gige_camera(cell, gige, &calibrations.flange_camera)?,
     };
     Ok(Cameras { scanner, flange })
 }

@@ -6,15 +6,15 @@
 use super::args::{Common, Identify, Locate, Look, Refine, Shot};
 use super::disk;
 use super::fault::{Fault, TeachingFault};
-use super::identify::{ProposalLimits, propose};
-use super::load::{self, CellFiles, CornerShot};
-use super::output::{Outcome, write_progress};
-use super::shoot::opening::{self, RequestedShot};
+use super::load::{self, CornerShot};
+use super::output::Outcome;
 use panelprep_base::geometry::{Base, Flange, FlangeCamera, KukaPose, Panel, Rigid};
 use panelprep_base::verdict::Judgement;
 use panelprep_cell::files;
 use panelprep_cell::panel::TaughtSource;
-use panelprep_service::report::{missing_fraction, scan_picture};
+use panelprep_service::report::{missing_share, scan_picture};
+use panelprep_service::setup;
+use panelprep_service::setup::CellFiles;
 use panelprep_service::stages::corners::{CornerReference, Correction, Sighting};
 use panelprep_service::stages::locate::{LocateOutcome, locate};
 use panelprep_vision::calib::budget;
@@ -28,15 +28,15 @@ use std::time::Instant;
 /// # Errors
 /// If a file is invalid, or the panel was not taught.
 pub fn run(args: &Locate, common: &Common) -> Result<Outcome, Fault> {
-    let files = CellFiles::read(common)?;
+    let files = CellFiles::read(&common.paths())?;
     let recipe = load::recipe(&args.recipe)?;
     let scanner = files.scanner()?;
     let (camera, errors) = (scanner.value, scanner.scan_errors);
     let base_from_camera = files.base_from_camera()?.value;
     let scan = load::scan(&args.scan, &camera)?;
-    let taught = load::taught(&files, &args.recipe, &recipe)?;
-    // Data that depend only on the taught panel are computed before the scan is read. In a cycle they are computed
-    // during the exposure of the camera.
+    let taught = setup::taught(&files, &args.recipe, &recipe)?;
+    // Data that depends only on the taught panel is computed before the scan is taken; in a cycle it is computed during
+    // the camera's exposure.
     let model = TaughtModel::from_panel(&taught.panel, errors.range);
     let begin = Instant::now();
     let scan = errors.correct_scan(scan);
@@ -141,14 +141,14 @@ pub fn run_identify(args: &Identify, common: &Common) -> Result<Outcome, Fault> 
 /// # Errors
 /// If a file is invalid, no corner was taught, or a picture shows no corner.
 pub fn run_refine(args: &Refine, common: &Common) -> Result<Outcome, Fault> {
-    let files = CellFiles::read(common)?;
+    let files = CellFiles::read(&common.paths())?;
     let recipe = load::recipe(&args.recipe)?;
     let located = load::located(Some(&args.located), &recipe)?;
     let lens = files.flange_camera()?;
     let (camera, extent) = (lens.value, lens.extent);
     let flange_from_camera = files.flange_from_camera()?.value;
     let shots = load::corner_shots(&files, &args.corner, &args.flange, &camera)?;
-    let taught = load::taught(&files, &args.recipe, &recipe)?;
+    let taught = setup::taught(&files, &args.recipe, &recipe)?;
     let claims_mm = claims_mm(args, &files)?;
     let held =
         CornerReference { corners: &taught.corners, camera: &camera, lens: &extent, limits: recipe.corner() };
@@ -248,7 +248,7 @@ fn refine_outcome(correction: &Correction, is_held_against_claims: bool, referen
 /// If the file is not an organised scan, is in another frame or unit, or is not from the calibrated camera, or writing
 /// to the disk fails.
 pub fn run_look(args: &Look, common: &Common) -> Result<Outcome, Fault> {
-    let calibrated = CellFiles::read(common).and_then(|files| files.scanner()).ok();
+    let calibrated = CellFiles::read(&common.paths()).and_then(|files| files.scanner()).ok();
     let size_px = calibrated.as_ref().map(|camera| (camera.value.width_px, camera.value.height_px));
     let read = files::read_any_cloud(&disk::read(&args.scan)?, size_px);
     let scan = read.map_err(|error| Fault::file_fault(&args.scan, error))?;

@@ -3,7 +3,6 @@
 use super::args::{Common, MockRobot};
 use super::disk;
 use super::fault::{DeviceFault, Fault};
-use super::load::CellFiles;
 use super::output::Outcome;
 use panelprep_base::number_text::fixed_decimals;
 use panelprep_cell::cell::{Cell, RobotKind};
@@ -12,6 +11,7 @@ use panelprep_devices::world::SimulatedWorld;
 use panelprep_kuka::eki::{CELLCMD, CELLSTAT};
 use panelprep_service::check::is_krl;
 use panelprep_service::requirements::Purpose;
+use panelprep_service::setup::CellFiles;
 use panelprep_sim as sim;
 use std::fs::DirEntry;
 use std::path::{Path, PathBuf};
@@ -26,7 +26,7 @@ const POLL_INTERVAL: Duration = Duration::from_millis(100);
 /// # Errors
 /// If a file is invalid, or a port is in use.
 pub fn run(args: &MockRobot, common: &Common, tell: &dyn Fn(&str)) -> Result<Outcome, Fault> {
-    let files = CellFiles::read(common)?;
+    let files = CellFiles::read(&common.paths())?;
     files.require(Purpose::Robot)?;
     let channel = |name: &str, shipped: &str| match &args.config {
         None => ChannelFile::parse(shipped).map_err(Fault::stage),

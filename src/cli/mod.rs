@@ -1,9 +1,11 @@
-//! The command line: reads files, calls the stages, and writes files and texts. Apart from the store, only this module
-//! uses a clock and a disk, and only this module converts errors to texts.
+//! The command line: arguments, the call of a phase or of the service, and the words for people.
 //!
 //! A file contains one command, or the commands of one subject: `run` reads files and reports, `stage` computes.
 
 #[cfg(feature = "plant")]
+mod archive;
+#[cfg(not(feature = "plant"))]
+#[path = "without_plant.rs"]
 mod archive;
 pub mod args;
 mod calibrate;
@@ -11,7 +13,6 @@ mod check;
 mod connecting;
 mod ctl;
 mod cycle;
-mod cycle_files;
 pub mod demo;
 mod disk;
 mod doctor;
@@ -22,7 +23,6 @@ mod history;
 mod identify;
 mod inspect;
 mod inspected;
-mod interfaces;
 mod label;
 mod live;
 mod load;
@@ -30,18 +30,12 @@ mod locate;
 mod mock_robot;
 mod new;
 mod output;
-mod part;
 mod plan;
-#[cfg(feature = "plant")]
-mod plant;
-#[cfg(not(feature = "plant"))]
-#[path = "without_plant.rs"]
-mod plant;
 mod prove;
 mod record;
-mod recording;
 mod render;
 mod render_boards;
+mod replay;
 mod report;
 mod robot;
 mod run;
@@ -73,7 +67,7 @@ pub fn run(arguments: &Arguments) -> ExitCode {
     let outcome = match &arguments.command {
         Command::Demo(args) => demo::run(args, &|line| output::write_progress(line)),
         Command::Render(args) => render::run(args),
-        Command::ZividWorker(args) => return zivid::worker(args),
+        Command::ZividWorker(args) => return zivid::run(args),
         Command::Check(args) => check::run(args),
         Command::Doctor(args) => doctor::run(args, common),
         Command::Explain(args) => explain::run(args),
@@ -99,14 +93,14 @@ pub fn run(arguments: &Arguments) -> ExitCode {
         Command::History(args) => history::run(args, common),
         Command::Record(args) => record::run(args, common),
         Command::Store(args) => store::run(args, common),
-        Command::Archive(args) => plant::run_archive(args),
-        Command::Fleet(args) => plant::run_fleet(args),
+        Command::Archive(args) => archive::run(args),
+        Command::Fleet(args) => archive::run_fleet(args),
         Command::User(args) => user::run(args, common),
         Command::Backup(args) => store::back_up(args, common),
         Command::Restore(args) => store::restore(args, common),
         Command::New(args) => new::run(args, common),
         Command::PackageFiles(args) => explain::write_package_files(args),
-        Command::Replay(args) => recording::replay(args),
+        Command::Replay(args) => replay::run(args),
     };
     match outcome {
         Ok(outcome) => outcome.print(common.json),

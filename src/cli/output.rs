@@ -94,7 +94,10 @@ impl Outcome {
     /// # Errors
     /// If writing to the disk fails.
     pub fn write(&self, file: Option<&Path>) -> Result<(), Fault> {
-        file.map_or(Ok(()), |file| disk::write(file, format!("{}\n", Value::Object(self.json.clone()))))
+        if let Some(file) = file {
+            disk::write(file, format!("{}\n", Value::Object(self.json.clone())))?;
+        }
+        Ok(())
     }
 
     /// Prints the outcome and returns the exit code.

@@ -1,11 +1,10 @@
 //! `panelprep plan`: plans the sanding path over the named grids, or over the grids that failed in a film.
 
 use super::args::{Common, Plan};
-use super::cycle_files::Calibrated;
 use super::disk;
 use super::fault::Fault;
 use super::inspected::PlacedPanel;
-use super::load::{self, CellFiles, LoadedPanel};
+use super::load;
 use super::output::Outcome;
 use panelprep_base::geometry::{Base, Flange, Joints, KukaPose, Mask, Panel, Rigid, Tool};
 use panelprep_base::number_text::{distinguishable_texts, fixed_decimals};
@@ -14,6 +13,9 @@ use panelprep_cell::files;
 use panelprep_cell::panel::GridId;
 use panelprep_cell::recipe::{Recipe, TreatBy};
 use panelprep_service::report::{PanelOverlay, dwell_map, overlap_map};
+use panelprep_service::setup;
+use panelprep_service::setup::Calibrated;
+use panelprep_service::setup::{CellFiles, LoadedPanel};
 use panelprep_service::stages::plan::{self, ReachStart};
 use panelprep_service::stages::removal::{EarlierRemoval, PathRemovalTotal};
 use panelprep_service::stages::survey::{ToolState, draw_surface};
@@ -45,11 +47,11 @@ struct PlannedPath {
 /// # Errors
 /// If a file is invalid, a grid is unknown, or no surface can be fitted.
 pub fn run(args: &Plan, common: &Common) -> Result<Outcome, Fault> {
-    let files = CellFiles::read(common)?;
+    let files = CellFiles::read(&common.paths())?;
     let recipe = load::recipe(&args.recipe)?;
     let program = args.krl.as_ref().map(|file| Ok::<_, Fault>((file, program_name(file)?))).transpose()?;
     let base_from_panel = load::located(args.located.as_ref(), &recipe)?;
-    let taught = load::taught(&files, &args.recipe, &recipe)?;
+    let taught = setup::taught(&files, &args.recipe, &recipe)?;
     let fit = surface::examine_fit(&taught.panel, recipe.surface()).or_else(|refusal| {
         if let (Some(folder), Some(map)) = (&args.pictures, &refusal.map) {
             disk::write_drawings(folder, [draw_surface(map)])?;
@@ -59,7 +61,7 @@ pub fn run(args: &Plan, common: &Common) -> Result<Outcome, Fault> {
     let on = (&taught.panel, &fit);
     let (grids, treated, remark) = places(args, (&files, &taught, &fit), &recipe)?;
     let kinematics = Kinematics::new(files.cell.arm());
-    let (reach, from) = reach(&kinematics, (&files, common), &taught, base_from_panel, &recipe)?;
+    let (reach, from) = reach(&kinematics, &files, &taught, base_from_panel, &recipe)?;
     let worn_mm2 = files.store()?.disc_worn_mm2().map_err(Fault::stage)?;
     let removal = files.removal()?.map(|(model, _)| model);
     let stroke_mm = files.cell.tool().compliant().map(|tool| tool.stroke_mm);
@@ -137,7 +139,7 @@ fn program_name(file: &Path) -> Result<ProgramName, Fault> {
 /// Returns the pose from which the arm starts the path, with a remark about this pose.
 fn reach<'a>(
     kinematics: &'a Kinematics,
-    (files, common): (&CellFiles, &Common),
+    files: &CellFiles,
     taught: &LoadedPanel,
     base_from_panel: Rigid<Base, Panel>,
     recipe: &Recipe,
@@ -152,7 +154,7 @@ fn reach<'a>(
         let stand = ReachSetup { arm: kinematics, flange_from_tool, base_from_panel, start_joints: None };
         return Ok((ReachStart::From(stand), "in the best configuration (no route from the park pose is known)"));
     };
-    let calibrations = Calibrated::read(files, common)?.values;
+    let calibrations = Calibrated::read(files)?.values;
     let tour = CornerTour {
         limits: files.cell.limits(),
         arm: files.cell.arm(),

@@ -6,29 +6,24 @@ use super::args::{
 };
 use super::disk;
 use super::fault::{Fault, RecordFault};
-use super::load::CellFiles;
 use super::output::Outcome;
-use super::report::{self, StoredCycle};
 use panelprep_base::number_text::utc_text;
 use panelprep_base::verdict::{Judgement, Reason, Verdict};
 use panelprep_cell::files::content_hash;
 use panelprep_cell::record::CycleId;
-use panelprep_service::daemon::{RecordPdf, current_user};
-use panelprep_service::report::page::Figure;
+use panelprep_service::daemon::current_user;
+use panelprep_service::setup::{CellFiles, RecordPdf, key, sign_by_person, sign_missing, signed_pdf};
 use panelprep_store::signing::{
-    self, CellKey, ExportContent, Meaning, NameClaim, PublicKey, Signed, SignedPage, StatedValues, Statement,
-    StatementContent,
+    self, CellKey, ExportContent, Meaning, NameClaim, PublicKey, Signed, StatedValues, Statement, StatementContent,
 };
-use panelprep_store::store::{self, KeyLocation, PersonSigningRequest, SignatureRow, Store};
+use panelprep_store::store::{self, PersonSigningRequest, SignatureRow, Store};
 use serde_json::json;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// The name of the systemd credential that contains the signing key of the cell (`LoadCredential=`).
-const KEY_CREDENTIAL_NAME: &str = "panelprep-record-key";
-const HEAD_FILE_NAME: &str = "head.json";
-const PUBLIC_KEY_FILE_NAME: &str = "public-key.pem";
-const FILES_FOLDER_NAME: &str = "files";
+const HEAD: &str = "head.json";
+const PUBLIC_KEY: &str = "public-key.pem";
+const FILES: &str = "files";
 
 /// Runs one task of `panelprep record`.
 ///
@@ -43,58 +38,8 @@ pub fn run(args: &RecordCommand, common: &Common) -> Result<Outcome, Fault> {
     }
 }
 
-/// Returns the signing key of the cell: the file that the cell file names, otherwise a systemd credential, otherwise a
-/// key in the store.
-///
-/// # Errors
-/// If the key cannot be read or created.
-pub fn key(files: &CellFiles) -> Result<CellKey, Fault> {
-    let credential =
-        std::env::var_os("CREDENTIALS_DIRECTORY").map(|folder| PathBuf::from(folder).join(KEY_CREDENTIAL_NAME));
-    let place = match (files.cell.record_key(), credential.filter(|file| file.exists())) {
-        (Some(file), _) => KeyLocation::File(file.to_owned()),
-        (None, Some(file)) => KeyLocation::Provided(file),
-        (None, None) => KeyLocation::InStore,
-    };
-    store::cell_key(files.store_folder(), &place).map_err(Fault::stage)
-}
-
-/// Signs every finished cycle that is not signed, and reports each one; `Err` is a warning.
-///
-/// # Errors
-/// If the key or the store cannot be used.
-pub fn sign_missing(files: &CellFiles, report: &dyn Fn(Result<String, String>)) -> Result<(), Fault> {
-    let key = key(files)?;
-    let each = |cycle, signed: Result<&SignatureRow, store::StoreError>| match signed {
-        Ok(row) => report(Ok(format!(
-            "the record of cycle {cycle} was signed: record number {}, SHA-256 {}",
-            row.number, row.record_hash
-        ))),
-        Err(error) => report(Err(format!("the record of cycle {cycle} could not be signed: {error}"))),
-    };
-    Store::sign_missing(files.store_folder(), &key, &each).map_err(Fault::stage)
-}
-
-/// Signs the record of a cycle in the name of this person, and writes the page of the cycle again, so that it shows the
-/// signature. The caller must have identified the person.
-///
-/// # Errors
-/// If the cycle has not ended, the person has already signed with this meaning, or the store or the page cannot be
-/// written.
-pub fn sign_by_person(files: &CellFiles, signs: &PersonSigningRequest) -> Result<SignatureRow, Fault> {
-    let row = Store::sign_by_person(files.store_folder(), &key(files)?, signs).map_err(Fault::stage)?;
-    let page = report::page_file(files.store_folder(), signs.cycle);
-    let kept = StoredCycle::read(&files.store()?, signs.cycle)?;
-    kept.write(
-        files.cell.retention(),
-        &page,
-        report::recording_status(files.store_folder(), &kept.record).as_ref(),
-    )?;
-    Ok(row)
-}
-
 fn sign(args: &SignRecord, common: &Common) -> Result<Outcome, Fault> {
-    let files = CellFiles::read(common)?;
+    let files = CellFiles::read(&common.paths())?;
     let who = current_user();
     let user = who.user.or(who.uid.map(|uid| format!("user {uid}"))).unwrap_or_else(|| "not known".to_owned());
     let meaning = match args.meaning {
@@ -125,7 +70,7 @@ fn sign(args: &SignRecord, common: &Common) -> Result<Outcome, Fault> {
 }
 
 fn export(args: &ExportRecord, common: &Common) -> Result<Outcome, Fault> {
-    let files = CellFiles::read(common)?;
+    let files = CellFiles::read(&common.paths())?;
     let store = files.store()?;
     let cycles = match args.all {
         true => store.ended_cycles().map_err(Fault::stage)?,
@@ -171,22 +116,7 @@ fn export(args: &ExportRecord, common: &Common) -> Result<Outcome, Fault> {
     Ok(outcome)
 }
 
-/// Creates the page of a cycle as PDF, with all signatures of the cycle and the data that the cell signs. `None` if the
-/// cell has not signed the cycle.
-///
-/// # Errors
-/// If the signed record in the store is no longer complete, or the PDF cannot be written.
-pub fn signed_pdf(store: &Store, key: &CellKey, rows: &[SignatureRow]) -> Result<Option<RecordPdf>, Fault> {
-    let (Some(row), Some(last)) = (rows.iter().find(|row| !row.is_of_person), rows.last()) else { return Ok(None) };
-    let kept = StoredCycle::read(store, row.cycle)?;
-    let figures: Vec<Figure> = kept.stored_figures().collect();
-    let pdf = report::sheet_document(store, (&kept.record, &figures), row)?;
-    let shows = (row.cycle, row.record_hash.as_str(), last.number);
-    let (page, signature) = SignedPage::sign(&pdf, shows, last.unix_ms, key).map_err(Fault::stage)?;
-    Ok(Some(RecordPdf { pdf, page, signature }))
-}
-
-/// Returns the signatures of a cycle; if the cycle has ended and is not signed yet, it is signed now.
+/// Returns the signatures of a cycle; a cycle that is over and not yet signed is signed now.
 fn signed_rows(files: &CellFiles, store: &Store, cycle: CycleId) -> Result<Vec<SignatureRow>, Fault> {
     let record = store.cycle(cycle).map_err(Fault::stage)?;
     if record.judgement.is_some() && store.cycle_signatures(cycle).map_err(Fault::stage)?.is_empty() {
@@ -232,7 +162,7 @@ fn write_head(store: &Store, key: &CellKey, file: &Path) -> Result<(signing::Sig
 }
 
 fn head(args: &HeadOfRecords, common: &Common) -> Result<Outcome, Fault> {
-    let files = CellFiles::read(common)?;
+    let files = CellFiles::read(&common.paths())?;
     let (store, key) = (files.store()?, key(&files)?);
     let (head, written) = match &args.out {
         Some(file) => write_head(&store, &key, file)?,
@@ -344,7 +274,7 @@ fn store_public_keys(store: &Path) -> Result<Vec<PublicKey>, Fault> {
 fn store_folder(common: &Common) -> Result<PathBuf, Fault> {
     match &common.store {
         Some(folder) => Ok(folder.clone()),
-        None => CellFiles::read(common)
+        None => CellFiles::read(&common.paths())
             .map(|files| files.store_folder().to_owned())
             .map_err(|error| RecordFault::NoPublicKey { problem: error.to_string() }.into()),
     }

@@ -136,7 +136,7 @@ fn write_drawing(cell: &sim::Cell, rendered: &RenderedFiles) -> Result<(), Fault
         "\n[nominal.base_from_drawing]\nx_mm = {x_mm}\ny_mm = {y_mm}\nz_mm = {z_mm}\na_deg = {a_deg}\nb_deg = {b_deg}\n\
          c_deg = {c_deg}\n"
     );
-    disk::write(&rendered.file_path("recipe_drawing.toml"), recipe + &nominal)
+    Ok(disk::write(&rendered.file_path("recipe_drawing.toml"), recipe + &nominal)?)
 }
 
 /// Writes one clip of a labelled set: the same panel at the same pose, with other grease.
@@ -192,7 +192,10 @@ fn prepare_output_folder(folder: &Path) -> Result<(), Fault> {
         }
         fs::remove_dir_all(folder).map_err(named)?;
     }
-    disk::write(&folder.join(FOLDER_MARK_FILE), "Each `panelprep render` replaces the content of this folder.\n")
+    Ok(disk::write(
+        &folder.join(FOLDER_MARK_FILE),
+        "Each `panelprep render` replaces the content of this folder.\n",
+    )?)
 }
 
 fn write_configuration(
@@ -220,7 +223,10 @@ fn write_configuration(
         ("cell.toml", format!("{CELL_TEXT}verify_limit_mm = {:?}\n", verify_limit_mm(cell))),
         ("recipe.toml", recipe(cell, taught_scan, rendered.seconds)?),
     ];
-    texts.iter().try_for_each(|(name, text)| disk::write(&rendered.file_path(name), text))
+    for (name, text) in &texts {
+        disk::write(&rendered.file_path(name), text)?;
+    }
+    Ok(())
 }
 
 /// Returns the limit for verifications, mm: the default at full size, and more for smaller pictures, in which a board
@@ -367,16 +373,16 @@ fn write_clip(film: &Film, folder: &Path, seconds: u32) -> Result<(), Fault> {
         ClipEntry { file: format!("{:05}.{kind}", index + 1), time_s, phase }
     };
     let entries: Vec<ClipEntry> = times_s.iter().enumerate().map(entry).collect();
-    entries.par_iter().try_for_each(|entry| {
+    entries.par_iter().try_for_each(|entry| -> Result<(), Fault> {
         let picture = film.picture(entry.time_s);
         let bytes = match entry.phase {
             Phase::Dry => files::write_color_png(&picture),
             Phase::Spray | Phase::Wet => files::write_color_jpeg(&picture),
         };
-        disk::write(&folder.join(&entry.file), bytes.map_err(Fault::stage)?)
+        Ok(disk::write(&folder.join(&entry.file), bytes.map_err(Fault::stage)?)?)
     })?;
     let clip = Clip::new(entries).map_err(Fault::stage)?;
-    disk::write(&folder.join("clip.csv"), clip.to_csv())
+    Ok(disk::write(&folder.join("clip.csv"), clip.to_csv())?)
 }
 
 /// Writes the true mask of broken pixels, and the times at which they broke: see [`panelprep_cell::labels`].
@@ -390,5 +396,5 @@ fn write_truth(film: &Film, folder: &Path, seconds: u32) -> Result<(), Fault> {
     });
     let times = ColorPicture { width: broken.width, height: broken.height, rgb: rgb.collect() };
     disk::write(&folder.join(labels::MASK), files::write_gray_png(&broken.to_gray()).map_err(Fault::stage)?)?;
-    disk::write(&folder.join(labels::TIMES_FILE), files::write_color_png(&times).map_err(Fault::stage)?)
+    Ok(disk::write(&folder.join(labels::TIMES_FILE), files::write_color_png(&times).map_err(Fault::stage)?)?)
 }

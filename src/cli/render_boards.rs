@@ -108,7 +108,7 @@ pub fn write_targets(cell: &sim::Cell, rendered: &RenderedFiles) -> Result<(), F
     write_flange(&rendered.file_path("target/flange.json"), arm, &flange.base_from_flange)?;
     let board = Board::parse(TARGET.0, TARGET.1).map_err(Fault::stage)?;
     let touched = |places: &[Point<_>]| cell.touched_target(&scanner, places);
-    disk::write(&rendered.file_path("target/touched.toml"), points_text(&board, arm, touched)?)
+    Ok(disk::write(&rendered.file_path("target/touched.toml"), points_text(&board, arm, touched)?)?)
 }
 
 /// Returns the flange pose that the controller reports if this is the true pose.
@@ -136,7 +136,7 @@ pub fn write_flange(
 ) -> Result<(), Fault> {
     let ReportedFlangePose { base_from_flange, joints } = controller_report(arm, base_from_flange)?;
     let base_from_flange = KukaPose::from_rigid(&base_from_flange);
-    disk::write(file, files::write_reported_flange(&ReportedFlange { base_from_flange, joints }))
+    Ok(disk::write(file, files::write_reported_flange(&ReportedFlange { base_from_flange, joints }))?)
 }
 
 /// Writes the data for the calibrations of the cell, each in its own folder: lens, both mounts, three points, tool.
@@ -187,7 +187,7 @@ pub fn write(
         disk::write(&rendered.file_path("boards/touches.toml"), text)?;
     }
     write_force(rendered)?;
-    disk::write(&rendered.file_path("boards/tip.toml"), tip_text(arm)?)
+    Ok(disk::write(&rendered.file_path("boards/tip.toml"), tip_text(arm)?)?)
 }
 
 /// Writes `boards/scanner/*.pcd`: scans of a board with 8×6 inner corners and 30 mm squares, in the whole working
@@ -206,7 +206,7 @@ pub fn write_scans(
     let shots = cell.scanner_shots(args.board_scans as usize);
     shots.par_iter().enumerate().try_for_each(|(index, shot)| {
         let file = rendered.file_path(&format!("boards/scanner/{:02}.pcd", index + 1));
-        disk::write(&file, files::write_pcd(&cell.real_scan(shot, &distortion)))
+        Ok(disk::write(&file, files::write_pcd(&cell.real_scan(shot, &distortion)))?)
     })
 }
 
@@ -215,7 +215,7 @@ pub fn write_scans(
 /// # Errors
 /// If writing to the disk fails.
 pub fn write_force(rendered: &RenderedFiles) -> Result<(), Fault> {
-    disk::write(&rendered.file_path("boards/force.toml"), FORCE_TEXT)
+    Ok(disk::write(&rendered.file_path("boards/force.toml"), FORCE_TEXT)?)
 }
 
 /// Returns this number of board poses that the arm can reach; an arm with its nominal geometry reaches all of them.
@@ -233,7 +233,7 @@ fn select_reachable_shots<C: Frame>(
 const MAX_DRAWS_PER_SHOT: usize = 10;
 
 fn save(rendered: &RenderedFiles, name: &str, picture: &GrayPicture) -> Result<(), Fault> {
-    disk::write(&rendered.file_path(name), files::write_gray_png(picture).map_err(Fault::stage)?)
+    Ok(disk::write(&rendered.file_path(name), files::write_gray_png(picture).map_err(Fault::stage)?)?)
 }
 
 fn picture_file_name<C: Frame>(index: usize, _: &BoardShot<C>) -> String {
@@ -475,5 +475,5 @@ pub fn write_coupons(seed: u64, rendered: &RenderedFiles) -> Result<(), Fault> {
             coupon.name
         );
     }
-    disk::write(&rendered.file_path("boards/coupons.csv"), text)
+    Ok(disk::write(&rendered.file_path("boards/coupons.csv"), text)?)
 }

@@ -2,7 +2,6 @@
 
 use super::args::{Common, OnOff, Robot, RobotFunction, TipName};
 use super::fault::Fault;
-use super::load::CellFiles;
 use super::output::Outcome;
 use super::{disk, live};
 use panelprep_base::geometry::{Joints, KukaPose};
@@ -13,6 +12,7 @@ use panelprep_cell::files;
 use panelprep_kuka::eki::{Command, SetTcp, Signal, State, TcpKind};
 use panelprep_service::daemon::{SingleError, SingleLine, SingleRobot, speed_command};
 use panelprep_service::requirements::Purpose;
+use panelprep_service::setup::CellFiles;
 use serde_json::{Map, Value, json};
 use std::os::unix::net::UnixStream;
 use std::path::Path;
@@ -23,7 +23,7 @@ use std::time::Duration;
 /// # Errors
 /// If a file or a number is invalid, another program uses the store, or the devices cannot be started.
 pub fn run(args: &Robot, common: &Common) -> Result<Outcome, Fault> {
-    let files = CellFiles::read(common)?;
+    let files = CellFiles::read(&common.paths())?;
     if let RobotFunction::Prove(prove) = &args.function {
         return super::prove::run(prove, &files, &|line| super::output::write_progress(line));
     }

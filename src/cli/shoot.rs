@@ -11,13 +11,13 @@ use super::args::{Common, Shoot, Shot, Simulation};
 use super::disk;
 use super::fault::{ClipFault, DeviceFault, Fault};
 use super::flange_pose::{FlangePoses, PoseKnowledge};
-use super::load::CellFiles;
 use super::output::Outcome;
 use panelprep_base::geometry::ColorPicture;
 use panelprep_base::phase::Phase;
 use panelprep_base::verdict::{Judgement, Reason};
 use panelprep_cell::files::{self, Clip, ClipEntry};
 use panelprep_devices::cameras::{CameraError, Conditions, Picture, PictureQuality, ScanQuality, Scanner};
+use panelprep_service::setup::CellFiles;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, sync_channel};
@@ -42,7 +42,7 @@ pub fn run(args: &Shoot, common: &Common, progress: &dyn Fn(&str)) -> Result<Out
             return Err(DeviceFault::CycleOnlyOption { option }.into());
         }
     }
-    let files = CellFiles::read(common)?;
+    let files = CellFiles::read(&common.paths())?;
     if args.what == Shot::Scan {
         return take_scans(args, &files, progress);
     }

@@ -5,11 +5,11 @@
 use super::args::{Backup, BackupPart, Common, RenewStore, Restore, StoreCommand, StoreTask, VerifyStore};
 use super::disk;
 use super::fault::Fault;
-use super::load::CellFiles;
 use super::output::Outcome;
 use panelprep_base::verdict::{Judgement, Reason, Verdict};
 use panelprep_cell::record::CycleId;
 use panelprep_service::check::check_file;
+use panelprep_service::setup::CellFiles;
 use panelprep_store::backup::{self, BackupError, Configuration, Permission, Plan, RestoredParts, named_files};
 use panelprep_store::office::ListEntry;
 use panelprep_store::store::{Restore as SinceBackup, Store, StoreVerification};
@@ -33,7 +33,7 @@ pub fn run(args: &StoreCommand, common: &Common) -> Result<Outcome, Fault> {
 fn folder(common: &Common) -> Result<PathBuf, Fault> {
     match &common.store {
         Some(folder) => Ok(folder.clone()),
-        None => Ok(CellFiles::read(common)?.store_folder().to_owned()),
+        None => Ok(CellFiles::read(&common.paths())?.store_folder().to_owned()),
     }
 }
 
@@ -100,7 +100,7 @@ fn verify(args: &VerifyStore, common: &Common) -> Result<Outcome, Fault> {
 /// # Errors
 /// If a file cannot be read, or the archive file already exists or cannot be written.
 pub fn back_up(args: &Backup, common: &Common) -> Result<Outcome, Fault> {
-    let files = CellFiles::read(common)?;
+    let files = CellFiles::read(&common.paths())?;
     let with = |part| args.only.is_none_or(|only| only == part);
     let configuration = match with(BackupPart::Configuration) {
         true => Some(configuration(&files, &common.cell)?),

@@ -5,8 +5,7 @@ mod inputs;
 use super::args::{Common, Teach};
 use super::disk;
 use super::fault::{Fault, TeachingFault};
-use super::identify::report_alike_panels;
-use super::load::{self, CellFiles, LoadedPanel};
+use super::load;
 use super::output::{Outcome, write_progress};
 use inputs::ViewedDrawing;
 use panelprep_base::geometry::{Camera, OrganizedCloud, Pixel, Point};
@@ -16,6 +15,9 @@ use panelprep_cell::files;
 use panelprep_cell::panel::{LearnError, OffPanel, TaughtPanel, TaughtSource};
 use panelprep_cell::recipe::Recipe;
 use panelprep_service::report::{self, PanelOverlay};
+use panelprep_service::setup;
+use panelprep_service::setup::SetupFault;
+use panelprep_service::setup::{CellFiles, LoadedPanel};
 use panelprep_store::store::{TaughtCorner, TeachingInputs};
 use panelprep_vision::inspect::{Demands, Footprint, coarse_resolution_reason};
 use panelprep_vision::locate::{self, gate};
@@ -29,7 +31,7 @@ use std::path::Path;
 /// If a file is invalid, the scan shows no panel in the region, or no corner picture is given although the cell
 /// measures corners in each cycle. In this case nothing is stored.
 pub fn run(args: &Teach, common: &Common) -> Result<Outcome, Fault> {
-    let cell_files = CellFiles::read(common)?;
+    let cell_files = CellFiles::read(&common.paths())?;
     let mut drawn = ViewedDrawing::view_drawing(args, &cell_files)?;
     let args = &inputs::with_files(args, &cell_files, drawn.as_ref().map(|drawn| &drawn.scan))?;
     let recipe = load::recipe(&args.recipe)?;
@@ -47,13 +49,13 @@ pub fn run(args: &Teach, common: &Common) -> Result<Outcome, Fault> {
         let file = args.corner.get(index).or_else(|| args.flange.get(index));
         file.map_or_else(|| format!("corner {}", index + 1), |file| file.display().to_string())
     };
-    let mut taught = match load::derive(&teaching, (&recipe, &cell_files.scanner_lens()?), String::new(), &name) {
+    let mut taught = match setup::derive(&teaching, (&recipe, &cell_files.scanner_lens()?), String::new(), &name) {
         Ok(taught) => taught,
         Err(fault) => {
             if let Some(folder) = &args.pictures {
                 save_rejected_inputs(folder, (&scan, &recipe), &teaching, &fault)?;
             }
-            return Err(fault);
+            return Err(fault.into());
         }
     };
     if let Some(folder) = &args.pictures {
@@ -163,16 +165,16 @@ fn save_rejected_inputs(
     folder: &Path,
     (scan, recipe): (&OrganizedCloud<Camera>, &Recipe),
     teaching: &TeachingInputs,
-    fault: &Fault,
+    fault: &SetupFault,
 ) -> Result<(), Fault> {
     let wrong: Vec<usize> = match fault {
-        Fault::Stage(error) => wrong_corner_indices(error.as_ref()),
+        SetupFault::Stage(error) => wrong_corner_indices(error.as_ref()),
         _ => vec![],
     };
     let corners_px = recipe.region().corners_px().map(|[u, v]| Pixel::at(u, v));
     let drawn = report::draw_region(scan, &corners_px, &wrong).map_err(Fault::stage)?;
     let mut files = vec![disk::save_picture(folder, "taught_region", &drawn)?];
-    if let Fault::Teaching(TeachingFault::Corners(_)) = fault {
+    if let SetupFault::Corners(_) = fault {
         for (index, corner) in teaching.corners.iter().enumerate() {
             let picture = files::read_color(&corner.picture).map_err(Fault::stage)?;
             files.push(disk::save_picture(folder, &format!("taught_corner_{}", index + 1), &picture)?);

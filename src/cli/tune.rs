@@ -3,7 +3,7 @@
 use super::args::{Common, Tune};
 use super::fault::Fault;
 use super::inspected::{Labels, PlacedPanel, read_clip};
-use super::load::{self, CellFiles};
+use super::load;
 use super::output::Outcome;
 use panelprep_base::geometry::{ColorPicture, Mask};
 use panelprep_base::number_text::fixed_decimals;
@@ -11,6 +11,8 @@ use panelprep_base::phase::Phase;
 use panelprep_base::verdict::{Judgement, Reason};
 use panelprep_cell::files::ClipEntry;
 use panelprep_cell::recipe::{Method, Recipe};
+use panelprep_service::setup;
+use panelprep_service::setup::CellFiles;
 use panelprep_vision::inspect::{
     Advice, Demands, FilmView, FilmWatch, GridContrast, MIN_CONTRAST_TO_NOISE, Sampler, Tuning, best_threshold,
     thesis_checks,
@@ -26,10 +28,10 @@ const MAX_PICTURES_PER_PHASE: usize = 10;
 /// # Errors
 /// If a file is invalid, the panel was not taught, or the clip has no dry picture.
 pub fn run(args: &Tune, common: &Common) -> Result<Outcome, Fault> {
-    let files = CellFiles::read(common)?;
+    let files = CellFiles::read(&common.paths())?;
     let recipe = load::recipe(&args.recipe)?;
     let placed = PlacedPanel::read(&files, &recipe, args.located.as_ref())?;
-    let taught = load::taught(&files, &args.recipe, &recipe)?;
+    let taught = setup::taught(&files, &args.recipe, &recipe)?;
     let list = args.clip.join("clip.csv");
     let clip = read_clip(&args.clip)?;
     let picture = |shot: &ClipEntry| load::picture(&args.clip.join(&shot.file), &placed.camera);

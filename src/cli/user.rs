@@ -3,12 +3,12 @@
 
 use super::args::{Common, User, UserTask};
 use super::fault::Fault;
-use super::load::CellFiles;
 use super::output::Outcome;
 use panelprep_base::random;
 use panelprep_base::verdict::{Judgement, Verdict};
 use panelprep_cell::accounts::{Account, AuditEntry, Role};
 use panelprep_service::daemon::current_user;
+use panelprep_service::setup::CellFiles;
 use panelprep_store::store::Store;
 use serde_json::json;
 use std::io::{BufRead, IsTerminal};
@@ -19,9 +19,9 @@ use std::path::Path;
 /// # Errors
 /// If the cell file has problems, the task is not possible for the account, or the store cannot be written.
 pub fn run(args: &User, common: &Common) -> Result<Outcome, Fault> {
-    let files = CellFiles::read(common)?;
-    // Listing opens the store without write access. Only `add` may create a store, so that other tasks do not create
-    // one in a mistyped folder.
+    let files = CellFiles::read(&common.paths())?;
+    // Listing needs no right to write. Only a new account may create a store: the other tasks must not create one in a
+    // mistyped folder.
     let store = match &args.what {
         UserTask::List => files.store()?,
         UserTask::Add { .. } => Store::open_for_accounts(files.store_folder()).map_err(Fault::stage)?,

@@ -1,4 +1,4 @@
-//! The service of a cell: stages, checks, reports and the loop.
+//! The service of a cell: stages, checks, reports, the set-up and the loop.
 //!
 //! Each paragraph of `pub mod` lines is a layer; a module may name only modules of earlier paragraphs.
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
@@ -13,4 +13,7 @@ pub mod requirements;
 pub mod stages;
 
 pub mod check;
+
+pub mod setup;
+
 pub mod daemon;

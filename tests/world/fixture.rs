@@ -2,11 +2,11 @@
 
 use panelprep::cell::{self, LensExtent};
 use panelprep::cycle;
-use panelprep::daemon::{Calibrations, CellSetup, CycleSetup, PreparedCycle};
 use panelprep::geometry::{Camera, KukaPose, OrganizedCloud};
 use panelprep::locate::corner;
 use panelprep::panel::{CornerTeaching, TaughtCorner, TaughtPanel, panel_from_base_at_teaching};
 use panelprep::recipe::Recipe;
+use panelprep::setup::{Calibrations, CellSetup, CycleSetup, PreparedCycle};
 use panelprep::sim::{self, CellTruth, CornerView, PanelPosition, SEARCH_BOX_MM, Scene};
 use panelprep::store::{CycleStart, Store};
 use std::path::{Path, PathBuf};

@@ -4,6 +4,7 @@ use super::simulation::Simulation;
 use clap::{Args, Subcommand};
 use panelprep_cell::accounts::Role;
 use panelprep_cell::record::PartNames;
+use panelprep_service::setup::PassStatement;
 use std::path::PathBuf;
 
 /// Options of `cycle` and `air-run`.
@@ -150,6 +151,13 @@ pub struct CountArguments {
     /// serial number, only this statement replaces the missing cycles.
     #[arg(long, value_name = "NUMBER", conflicts_with = "another_part")]
     pub lost_passes: Option<u8>,
+}
+
+impl CountArguments {
+    /// Returns what these options state.
+    pub fn statement(self) -> PassStatement {
+        PassStatement { another_part: self.another_part, lost_passes: self.lost_passes }
+    }
 }
 
 impl PartArguments {

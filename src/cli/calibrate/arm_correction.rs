@@ -14,12 +14,12 @@
 use super::super::args::Common;
 use super::super::disk;
 use super::super::fault::Fault;
-use super::super::load::{CellFiles, NO_AXES};
 use super::files::Points;
 use panelprep_base::geometry::{Base, Camera, Flange, Joints, Point, Rigid, Tool};
 use panelprep_base::number_text;
 use panelprep_cell::cell::{Cell, CorrectionNumbers, FlangeCameraMount, Intrinsics, RobotCorrection, ScannerMount};
 use panelprep_cell::files::content_hash;
+use panelprep_service::setup::{CellFiles, NO_AXES};
 use panelprep_toolpath::path::Kinematics;
 use panelprep_vision::calib::{Arrangement, BoardObservation};
 use std::path::Path;

@@ -6,13 +6,13 @@
 use super::super::args::Common;
 use super::super::disk;
 use super::super::fault::Fault;
-use super::super::load::CellFiles;
 use super::super::output::Outcome;
 use super::args::StrikeOut;
 use panelprep_base::number_text::distinguishable_texts;
 use panelprep_base::verdict::{Judgement, Verdict};
 use panelprep_cell::cell::{Date, Provenance};
 use panelprep_service::report;
+use panelprep_service::setup::CellFiles;
 use panelprep_store::store::Store;
 use panelprep_vision::calib::health::{self, Strike, TOOL_FORCE, Verification, VerificationLimits};
 use serde_json::{Value, json};
@@ -94,7 +94,7 @@ pub fn store_and_judge(
 /// # Errors
 /// If there is no store, or it cannot be read.
 pub fn run_history(common: &Common) -> Result<Outcome, Fault> {
-    let all = CellFiles::read(common)?.store()?.verification_history().map_err(Fault::stage)?;
+    let all = CellFiles::read(&common.paths())?.store()?.verification_history().map_err(Fault::stage)?;
     let mut outcome = Outcome::from_judgement(&Judgement::new(vec![], vec![]));
     if all.is_empty() {
         outcome.add_line("the store contains no verification yet");
@@ -110,7 +110,7 @@ pub fn run_history(common: &Common) -> Result<Outcome, Fault> {
 /// # Errors
 /// If there is no store, or the verification does not exist or is already struck out.
 pub fn strike_out(args: &StrikeOut, common: &Common) -> Result<Outcome, Fault> {
-    let files = CellFiles::read(common)?;
+    let files = CellFiles::read(&common.paths())?;
     let strike = Strike { by: args.by.clone(), why: args.why.clone(), at_unix_s: now_unix_s() };
     let struck = Store::strike_out_in(files.store_folder(), args.number, &strike);
     let (_, verification) = struck.map_err(Fault::stage)?;

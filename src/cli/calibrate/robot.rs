@@ -14,6 +14,7 @@ use super::{arm_correction, files};
 use nalgebra::{Isometry3, Vector3};
 use panelprep_base::geometry::{Base, Camera, Flange, Joints, KukaPose, PinholeCamera, Point, Rigid, median};
 use panelprep_cell::cell::{ArmGeometry, Cell, FlangeCameraMount, RobotCorrection, ScannerMount};
+use panelprep_service::setup::SetupFault;
 use panelprep_toolpath::path::{Kinematics, reach};
 use panelprep_vision::calib::board_orientation::resolve_symmetry;
 use panelprep_vision::calib::hand_eye::{MIN_STATIONS, hand_eye as mount_of};
@@ -67,7 +68,7 @@ pub fn run(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Re
                 data.rigs.push(started);
                 cameras.push(camera);
             }
-            Err(Fault::Stage(error)) => return Ok(refused("no_mount", error.to_string(), args)),
+            Err(Fault::Setup(SetupFault::Stage(error))) => return Ok(refused("no_mount", error.to_string(), args)),
             Err(fault) => return Err(fault),
         }
         for look in looks {

@@ -7,19 +7,20 @@
 use super::super::args::Common;
 use super::super::disk;
 use super::super::fault::{CalibrationFault, Fault};
-use super::super::load::{CellFiles, NO_AXES};
 use super::super::output::Outcome;
 use super::args::{Force, Removal, Tcp};
 use super::arm_correction::CorrectionInUse;
 use super::files;
 use super::output::{self, provenance, write_calibration};
-use panelprep_base::geometry::{Base, Flange, Joints, KukaPose, Rigid, STANDARD_GRAVITY_M_S2, Tool, Vector};
+use panelprep_base::geometry::{Base, Flange, Joints, KukaPose, Rigid, Tool, Vector};
 use panelprep_base::number_text::{distinguishable_texts, fixed_decimals};
-use panelprep_base::verdict::{Check, Judgement, LimitSource, Reason, Verdict};
-use panelprep_cell::cell::{CompliantTool, MountedPose, RemovalCalibration, ToolMount};
+use panelprep_base::verdict::{Judgement, Reason, Verdict};
+use panelprep_cell::cell::{MountedPose, RemovalCalibration, ToolMount};
 use panelprep_cell::files::content_hash;
 use panelprep_cell::force::{SensorLoad, down_cosine};
-use panelprep_store::store::{Store, calibration_hash};
+use panelprep_service::setup;
+use panelprep_service::setup::{CellFiles, NO_AXES};
+use panelprep_store::store::Store;
 use panelprep_toolpath::removal::coupons::{Coupon, CouponTool};
 use panelprep_toolpath::removal::fit::{CouponFit, fit};
 use panelprep_toolpath::removal::gate as removal_gate;
@@ -28,8 +29,8 @@ use panelprep_toolpath::removal::pad::PadWithDisc;
 use panelprep_toolpath::removal::power::Power;
 use panelprep_toolpath::removal::speed::Orbit;
 use panelprep_toolpath::removal::table::read_coupons;
-use panelprep_vision::calib::force::{AttitudeReading, ForceCalibration, calibrate};
-use panelprep_vision::calib::health::{self, TOOL_FORCE, Verification, VerificationLimits};
+use panelprep_vision::calib::force::{AttitudeReading, calibrate, largest_error_n, verification_limits};
+use panelprep_vision::calib::health::{self, TOOL_FORCE, Verification};
 use panelprep_vision::calib::tool::{flange_from_tool, tool_axis, tool_point};
 use panelprep_vision::calib::{gate, readings};
 use serde_json::{Value, json};
@@ -86,17 +87,14 @@ pub fn run_tcp(args: &Tcp, common: &Common) -> Result<Outcome, Fault> {
     Ok(outcome)
 }
 
-/// Maximum force error of a measurement without contact, as a fraction of the tool's force band (`band_n`).
-const MAX_BAND_ERROR_FRACTION: f64 = 0.5;
-
-/// Determines payload and force zero. With `--verify`, compares them with the cell file and stores the result.
+/// Determines payload and zero, or with `--verify` compares them with the cell's file and stores the result.
 ///
 /// # Errors
 /// If the file of measurements has problems or does not determine the values, the axis of the tool is not known, or
 /// with `--verify` the cell has no compliant tool.
 pub fn run_force(args: &Force, common: &Common) -> Result<Outcome, Fault> {
     let text = disk::read_text(&args.readings)?;
-    let cell = CellFiles::read(common)?;
+    let cell = CellFiles::read(&common.paths())?;
     let flange_from_tool = cell.flange_from_tool()?.value;
     let readings = read(&args.readings.display().to_string(), &text, flange_from_tool)?;
     if args.verify { verify(&cell, &readings) } else { measure(&cell, (&args.readings, &readings)) }
@@ -111,7 +109,7 @@ fn read(name: &str, text: &str, flange_from_tool: Rigid<Flange, Tool>) -> Result
 fn measure(files: &CellFiles, (file, readings): (&Path, &[AttitudeReading])) -> Result<Outcome, Fault> {
     let found = calibrate(readings).map_err(|error| Fault::file_fault(file, error))?;
     let SensorLoad { payload_kg, zero_n } = found.weight;
-    let known = check_uncertainty(&found, files.cell.tool().compliant());
+    let known = found.check_uncertainty(files.cell.tool().compliant());
     let mut outcome = Outcome::from_judgement(&Judgement::from_checks([&known]));
     outcome.add_checks(&[known]);
     outcome.add_value("payload_kg", json!(payload_kg));
@@ -130,32 +128,15 @@ fn measure(files: &CellFiles, (file, readings): (&Path, &[AttitudeReading])) -> 
     Ok(outcome)
 }
 
-/// Compares the uncertainty of the force, which results from payload and force zero, with the limit of a verification.
-fn check_uncertainty(found: &ForceCalibration, tool: Option<&CompliantTool>) -> Check {
-    let known_n = found.zero_95_n + STANDARD_GRAVITY_M_S2 * found.payload_95_kg;
-    let check = Check::new("force by payload and zero, 95 %, at the worst attitude", "N", known_n);
-    let Some(tool) = tool else { return check };
-    let allowed_n = MAX_BAND_ERROR_FRACTION * tool.band_n;
-    check.with_max(allowed_n, LimitSource::cell("tool.band_n")).or_review("force_uncertain", || {
-        let [found, allowed] = distinguishable_texts(known_n, allowed_n, 1);
-        format!(
-            "the force has an uncertainty of {found} N (limit {allowed} N); take more readings, at attitudes that \
-             differ more"
-        )
-    })
-}
-
 fn verify(files: &CellFiles, readings: &[AttitudeReading]) -> Result<Outcome, Fault> {
     let tool = files.cell.tool().compliant().ok_or(CalibrationFault::NoCompliantTool)?;
-    let weight = SensorLoad::from(tool);
-    let off_n = |read: &AttitudeReading| weight.contact_n(read.force_n, read.downwards).abs();
-    let error_n = readings.iter().map(off_n).reduce(f64::max).ok_or(CalibrationFault::NoReadings)?;
-    let demands = verification_limits(files, tool);
+    let error_n = largest_error_n(readings, tool).ok_or(CalibrationFault::NoReadings)?;
+    let demands = verification_limits(files.cell.limits(), tool);
     let verification = Verification {
         subject: TOOL_FORCE.to_owned(),
         error: error_n,
         limit: demands.limit,
-        calibration_hash: force_hash(tool),
+        calibration_hash: setup::force_hash(tool),
         at_unix_s: output::now_unix_s(),
         struck: None,
     };
@@ -172,20 +153,7 @@ fn verify(files: &CellFiles, readings: &[AttitudeReading]) -> Result<Outcome, Fa
     Ok(outcome)
 }
 
-/// Returns the limits for the last verification of the tool's force, N.
-pub fn verification_limits(files: &CellFiles, tool: &CompliantTool) -> VerificationLimits {
-    VerificationLimits {
-        limit: MAX_BAND_ERROR_FRACTION * tool.band_n,
-        ..VerificationLimits::from_limits(files.cell.limits())
-    }
-}
-
-/// Returns the hash of the values that a force verification checks: payload and force zero in the cell file.
-pub fn force_hash(tool: &CompliantTool) -> String {
-    calibration_hash(&[&format!("payload_kg {} zero_n {}", tool.payload_kg, tool.zero_n)])
-}
-
-/// Fits the removal model, reports how well it predicts excluded coupons, and writes it.
+/// Fits the model, reports how well it predicts left-out coupons, and writes it.
 ///
 /// # Errors
 /// If the file of coupons has problems (each with its line and column), or writing to the disk fails.

@@ -11,7 +11,7 @@
 use super::super::args::Common;
 use super::super::disk;
 use super::super::fault::{CalibrationFault, Fault};
-use super::super::load::{self, CellFiles, flange_file};
+use super::super::load::{self, flange_file};
 use super::super::output::Outcome;
 use super::args::{BoardArgs, CameraName, Touch, Verify};
 use super::arm_correction::{self, CorrectionInUse};
@@ -23,6 +23,8 @@ use panelprep_base::geometry::{Base, Camera, Flange, FlangeCamera, KukaPose, Rig
 use panelprep_base::verdict::{Judgement, Reason};
 use panelprep_cell::cell::{BoardSize, MountedPose, TargetMount};
 use panelprep_service::report::{self, RemainingError};
+use panelprep_service::setup;
+use panelprep_service::setup::CellFiles;
 use panelprep_store::store::calibration_hash;
 use panelprep_vision::calib::health::{self, BoardMeasurement};
 use panelprep_vision::calib::{Board, BoardObservation, BoardPose, CalibError, board_pose};
@@ -125,7 +127,7 @@ fn measure_board(
 /// # Errors
 /// If a file is invalid, the picture shows no target, or the store cannot be written.
 pub fn run(args: &Verify, common: &Common, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
-    let files = CellFiles::read(common)?;
+    let files = CellFiles::read(&common.paths())?;
     let wrong = |message: &str| Err(Fault::stage(CalibError::Points(message.to_owned())));
     let file = match (&args.recipe, &args.target) {
         (Some(recipe), None) => return run_on_taught_corner(args, &files, recipe),
@@ -222,7 +224,7 @@ fn write_target(
 /// # Errors
 /// If a file is invalid, a corner is not on the board, or the store cannot be written.
 pub fn touch(args: &Touch, common: &Common) -> Result<Outcome, Fault> {
-    let files = CellFiles::read(common)?;
+    let files = CellFiles::read(&common.paths())?;
     let Target { board, base_from_board: known } = Target::read(&args.target, args.board.board().as_ref())?;
     let file = args.points.as_ref().ok_or(CalibrationFault::NoPoses)?;
     let mut points = files::points(&file.display().to_string(), &disk::read_text(file)?)?;
@@ -397,7 +399,7 @@ fn run_on_taught_corner(args: &Verify, files: &CellFiles, recipe_file: &Path) ->
         return Err(wrong("--flange is missing: give the flange's pose at the picture"));
     };
     let recipe = load::recipe(recipe_file)?;
-    let taught = load::taught(files, recipe_file, &recipe)?;
+    let taught = setup::taught(files, recipe_file, &recipe)?;
     let (camera, mount) = (files.flange_camera()?, files.flange_from_camera()?);
     let Some(image) = &args.image else { return Err(wrong("--image is missing: give the picture of the corner")) };
     let (image, flange) = (std::slice::from_ref(image), std::slice::from_ref(flange));

@@ -1,8 +1,7 @@
 //! Errors of the cell that stop a command: errors of a controller, a camera or a tool, real or simulated; and of a
 //! calibration that is missing, contradicts another one, or cannot be measured with the given data.
 
-use panelprep_cell::cell::{Cell, ProofStage, Unsigned};
-use panelprep_service::requirements::CALIBRATION_ADVICE;
+use panelprep_cell::cell::{ProofStage, Unsigned};
 use std::path::PathBuf;
 
 /// The reason why a device cannot be used.
@@ -46,37 +45,7 @@ pub enum DeviceFault {
          arm moves"
     )]
     NoWorldForTool,
-    /// The flange camera needs a driver that this program does not contain.
-    #[error(
-        "[flange_camera] kind = \"gige\": this program was built without the cargo feature gige; use a program with \
-         this feature, or set kind = \"simulated\" or \"recorded\""
-    )]
-    BuiltWithoutGige,
-    /// A plant connection needs code that this program does not contain.
-    #[error(
-        "{what}: this program was built without the cargo feature plant; use the program of the package, or build it \
-         with `cargo build --release --features plant`"
-    )]
-    BuiltWithoutPlant {
-        /// The command, or the tables of the cell file.
-        what: String,
-    },
-    /// A camera has no settings for a scan or picture.
-    #[error(
-        "[scanner] {key} is missing; kind = \"zivid\" needs this key to take a shot: name the settings file that Zivid \
-         Studio saved (settings for 3D shots with colour, settings_2d for pictures)"
-    )]
-    NoCameraSettings {
-        /// The key.
-        key: &'static str,
-    },
-    /// The configuration of the cameras has changed, and the service uses the old one.
-    #[error(
-        "a camera's settings, or the serial number or size in its calibration, have changed since the service \
-         started, and the service still uses the old values; restart the service"
-    )]
-    CamerasChanged,
-    /// The picture size of the scanner's calibration cannot be simulated.
+    /// A calibration that does not fit any simulated scanner.
     #[error(
         "the scanner's calibration is for {}×{} px, which the simulated scanner does not deliver; the nearest size is \
          {}×{} px: render the cell's files with `panelprep \
@@ -157,75 +126,11 @@ pub enum DeviceFault {
     NothingToProve,
 }
 
-impl DeviceFault {
-    /// Returns the error for a cell whose file names a plant connection that this program does not contain; `None` if
-    /// there is none.
-    pub fn missing_plant(cell: &Cell) -> Option<Self> {
-        let tables = cell.plant_tables();
-        let is_missing = !cfg!(feature = "plant") && !tables.is_empty();
-        is_missing.then(|| DeviceFault::BuiltWithoutPlant { what: tables.join(", ") })
-    }
-}
-
-/// The reason why a calibration cannot be used or performed.
+/// The reason why a calibration cannot be used or made.
 #[derive(Debug, thiserror::Error)]
 pub enum CalibrationFault {
-    /// The cell file does not name the calibration.
-    #[error("{}: [calibration] {key} is missing, and this command needs it: set the key to the path of the calibration file", cell.display())]
-    NotCalibrated {
-        /// The cell's file.
-        cell: PathBuf,
-        /// The key.
-        key: &'static str,
-    },
-    /// A mount was measured with another correction of the arm than the cell's, or with none.
-    #[error(
-        "{}: was measured with {}, but the cell's file names {}: robot poses would be corrected twice or not at all. \
-         Repeat this calibration, or name in [calibration] robot_correction the correction with which it was measured",
-        file.display(), describe_correction(found.as_deref()), describe_correction(ours.as_deref())
-    )]
-    OtherCorrection {
-        /// The mount's file.
-        file: PathBuf,
-        /// The hash of the correction in the file of the mount.
-        found: Option<String>,
-        /// The hash of the cell's correction.
-        ours: Option<String>,
-    },
-    /// The correction file has changed since it was read.
-    #[error(
-        "{}: the file of [calibration] robot_correction has changed since this program read it; restart the program", cell.display()
-    )]
-    CorrectionChanged {
-        /// The cell's file.
-        cell: PathBuf,
-    },
-    /// The cell file names a calibration file that does not exist.
-    #[error(
-        "{}: [calibration] {key} names {}, which does not exist; {}", cell.display(), file.display(), CALIBRATION_ADVICE
-    )]
-    CalibrationAway {
-        /// The cell's file.
-        cell: PathBuf,
-        /// The key.
-        key: &'static str,
-        /// The calibration's file.
-        file: PathBuf,
-    },
-    /// The TCP of the tool was measured, but not its axis.
-    #[error(
-        "{file}: the tool's axis was not measured (axis_measured is not true); a tilted pad grinds an edge into the \
-         panel: run `panelprep calibrate tcp` with [[axis]], or with [[plate]] and [[flat]]"
-    )]
-    NoAxis {
-        /// The tool's file.
-        file: String,
-    },
-    /// The axis angles that the controller reports are not finite numbers.
-    #[error(
-        "the controller reports axis angles that are not numbers, so the flange pose is not known: restart the \
-         controller"
-    )]
+    /// The controller's axis angles are not numbers.
+    #[error("the controller reports axis angles that are not numbers: the flange's pose is not known")]
     NoAxes,
     /// No poses were given for a tool or touch calibration.
     #[error(
@@ -244,11 +149,4 @@ pub enum CalibrationFault {
     /// The file with force measurements contains none.
     #[error("the file has no [[readings]]")]
     NoReadings,
-}
-
-fn describe_correction(hash: Option<&str>) -> String {
-    match hash {
-        None => "no correction of the arm".to_owned(),
-        Some(hash) => format!("the correction of the arm {}", hash.get(..12).unwrap_or(hash)),
-    }
 }

@@ -29,10 +29,7 @@ pub enum TeachingFault {
         /// Number of `--flange` options.
         flanges: usize,
     },
-    /// No corner was found in these corner pictures; contains a message for each.
-    #[error("{}", .0.join("; "))]
-    Corners(Vec<String>),
-    /// No corner picture was given, although the cell measures corners in each cycle.
+    /// No corner picture for a cell that runs cycles.
     #[error(
         "no corner picture was given, but a cycle of this cell measures taught corners before each contact: name one \
          or, better, two pictures, each with --corner FILE --flange POSE.json (a cell without [calibration] \
@@ -109,31 +106,6 @@ pub enum TeachingFault {
         found: usize,
         /// Number of taught corners.
         taught: usize,
-    },
-    /// The recipe differs from the one with which the panel was taught.
-    #[error(
-        "{}: [{table}] differs from the recipe with which panel \"{panel}\" was taught (version {version}); \
-         teach the panel again or undo the change", recipe.display()
-    )]
-    TaughtOtherwise {
-        /// The recipe's file.
-        recipe: PathBuf,
-        /// The table of the recipe that differs.
-        table: &'static str,
-        /// The panel.
-        panel: String,
-        /// The taught version of the panel.
-        version: String,
-    },
-    /// A taught corner picture in the store cannot be used for measurements.
-    #[error(
-        "the taught corner picture {number} cannot be used: {cause}; correct this, then teach the panel again with the new picture"
-    )]
-    TaughtCorner {
-        /// The number of the corner, from 1.
-        number: usize,
-        /// The reason why the picture cannot be used.
-        cause: String,
     },
 }
 
@@ -266,26 +238,7 @@ pub enum RecordFault {
         /// The keywords of the existing quantities.
         words: Vec<&'static str>,
     },
-    /// The part has reached its maximum number of sanding passes.
-    #[error(
-        "{part} has reached the limit of {most} passes ([process] max_passes_per_part): {history}; take \
-         the part out, and let the inspector decide about the part with the pages of these cycles"
-    )]
-    PartUsedUp {
-        /// A description of the part, with its serial number if it has one.
-        part: String,
-        /// Maximum number of sanding passes per part.
-        most: usize,
-        /// The cycles of the part, with the number of passes in each.
-        history: String,
-    },
-    /// The names of the part are not valid in this cell.
-    #[error("{0}")]
-    PartNames(panelprep_cell::cell::PartNameError),
-    /// The sanding passes of the part are not known, because the store was restored from a backup.
-    #[error("{0}")]
-    CountUnknown(panelprep_store::store::UnknownPassCount),
-    /// The record of a cycle is not signed.
+    /// A cycle with an unsigned record.
     #[error(
         "the record of cycle {cycle} is not signed: the cycle has not ended, or signing failed; `panelprep store \
          verify` reports details"
@@ -300,16 +253,6 @@ pub enum RecordFault {
     )]
     NoPublicKey {
         /// The reason why the cell's own store has no public key.
-        problem: String,
-    },
-    /// A name of the part is not valid.
-    #[error("{option} \"{found}\": {problem}; give the text as it must appear on the cycle's page")]
-    PartName {
-        /// The option.
-        option: &'static str,
-        /// The name that was given.
-        found: String,
-        /// The problem.
         problem: String,
     },
 }

@@ -192,6 +192,6 @@ fn text(name: &str, answers: &Answers) -> Result<String, Fault> {
 pub(super) fn parse_document(name: &str, text: &str) -> Result<DocumentMut, Fault> {
     text.parse().map_err(|error: toml_edit::TomlError| {
         let problem = Problem { line: 1, key: String::new(), message: error.to_string() };
-        Fault::Configuration(Problems { file: name.to_owned(), list: vec![problem] })
+        Problems { file: name.to_owned(), list: vec![problem] }.into()
     })
 }

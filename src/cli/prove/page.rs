@@ -5,7 +5,6 @@ use super::super::calibrate::now_unix_s;
 use super::super::disk;
 use super::super::fault::{DeviceFault, Fault};
 use super::super::live::{ControllerKind, ReportedController};
-use super::super::load::CellFiles;
 use super::super::output::Outcome;
 use super::table::{Finding, Proof};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
@@ -15,6 +14,7 @@ use panelprep_cell::cell::{ProofStage, Robot};
 use panelprep_cell::files::content_hash;
 use panelprep_cell::record::ProofsResult;
 use panelprep_service::daemon::current_user;
+use panelprep_service::setup::CellFiles;
 use panelprep_store::store::{ProofsPage, Store};
 use serde_json::json;
 

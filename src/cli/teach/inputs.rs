@@ -7,10 +7,10 @@
 use super::super::args::{Shot, Teach};
 use super::super::fault::{DeviceFault, Fault, TeachingFault};
 use super::super::flange_pose::FlangePoses;
-use super::super::load::{self, CellFiles};
+use super::super::load;
 use super::super::output::{Outcome, read_answer_line, write_progress};
 use super::super::shoot::opening::{self, RequestedShot};
-use super::super::{ctl, disk, live};
+use super::super::{disk, live};
 use panelprep_base::geometry::{
     Base, Camera, ColorPicture, Drawing, Flange, FlangeCamera, OrganizedCloud, PinholeCamera, Point, Rigid,
 };
@@ -20,6 +20,8 @@ use panelprep_cell::files;
 use panelprep_cell::recipe::{self, Recipe, with_shapes};
 use panelprep_interfaces::page::LocalServer;
 use panelprep_interfaces::page::drawing::{self, DrawingSheet, canvas};
+use panelprep_service::daemon::service_state;
+use panelprep_service::setup::CellFiles;
 use panelprep_sim as sim;
 use panelprep_sim::PanelPosition;
 use panelprep_store::store::TaughtCorner;
@@ -304,7 +306,7 @@ pub fn with_files(args: &Teach, cell: &CellFiles, drawn: Option<&OrganizedCloud<
 fn simulated_cell(args: &Teach, cell: &CellFiles) -> Result<Option<sim::Cell>, Fault> {
     let is_simulated =
         [cell.cell.scanner().is_simulated(), cell.cell.flange_camera().is_simulated()].contains(&true);
-    if args.live.is_none() || !is_simulated || ctl::service_state(&cell.socket()).is_some() {
+    if args.live.is_none() || !is_simulated || service_state(&cell.socket()).is_some() {
         return Ok(None);
     }
     Ok(Some(live::simulated_cell(&cell.scanner()?.value, args.simulation)?))

@@ -4,7 +4,7 @@ use super::answers::{figure, figure_without_picture, grade_judgement, reason};
 use super::error::DaemonError;
 use super::perception::{Perception, view};
 use super::ports::{Note, Record};
-use super::setup::CycleSetup;
+use crate::setup::CycleSetup;
 use crate::stages::abrade::{self, Progress};
 use crate::stages::plan::{self, PlanOutcome, ReachStart};
 use crate::stages::rejected_finding;

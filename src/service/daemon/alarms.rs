@@ -6,9 +6,8 @@
 //! the store keeps who acknowledged which alarm.
 
 use super::camera_lease::SharedCameras;
-use super::clock::now_unix_ms;
 use super::people::AccountService;
-use super::sources::SetupSource;
+use crate::setup::clock::now_unix_ms;
 use panelprep_base::verdict::Reason;
 use panelprep_cell::accounts::AuditEntry;
 use panelprep_cell::record::CycleId;
@@ -95,8 +94,9 @@ impl Alarms {
         Ok(all)
     }
 
-    /// Checks the cell if it was not checked within the last minute. The check of a camera may take some seconds.
-    pub fn check_cell(&self, setup: &dyn SetupSource, cameras: Option<&SharedCameras>) {
+    /// Checks the cell if it was not checked within the last minute; the check of a camera may take some time.
+    /// `obstacles` finds what prevents a cycle now or will soon prevent one, apart from the cameras.
+    pub fn check_cell(&self, obstacles: impl FnOnce() -> Vec<Reason>, cameras: Option<&SharedCameras>) {
         {
             let mut looked = self.last_check.lock().unwrap_or_else(PoisonError::into_inner);
             if looked.is_some_and(|at| at.elapsed() < MIN_CHECK_INTERVAL) {
@@ -104,7 +104,7 @@ impl Alarms {
             }
             *looked = Some(Instant::now());
         }
-        let mut cell = setup.cycle_obstacles();
+        let mut cell = obstacles();
         let reason = |(of, problem): (&&str, &String)| Reason::new("plant_connection", format!("{of}: {problem}"));
         cell.extend(self.lock_connection_problems().iter().map(reason));
         let found = FoundProblems { cell, cameras: cameras.and_then(SharedCameras::check_cameras) };

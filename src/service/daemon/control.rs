@@ -6,7 +6,7 @@
 //! socket or a command. Every other request that starts something is accepted only from the selected side. A cell
 //! without this input has no selection: every interface may command the cell within the permissions of its accounts.
 
-use super::wiring::is_input_on;
+use crate::setup::is_input_on;
 use panelprep_base::verdict::Reason;
 use panelprep_cell::cycle::Request;
 use panelprep_cell::record::RequestSource;

@@ -9,7 +9,7 @@
 //! the first one also until each corner was at its expected position. The loop that verifies the pose must see all
 //! corners by which the pose was corrected, so that one corner alone is never enough.
 
-use super::setup::CycleSetup;
+use crate::setup::CycleSetup;
 use crate::stages::corners::{Sighting, max_views};
 use panelprep_base::verdict::Reason;
 

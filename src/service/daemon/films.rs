@@ -2,8 +2,8 @@
 
 use super::answers::figure;
 use super::ports::Note;
-use super::setup::CycleSetup;
-use crate::stages::film::{self, FilmCounts, FilmRun, PictureOutcome};
+use crate::setup::CycleSetup;
+use crate::stages::film::{self, FilmCounts, PictureOutcome};
 use panelprep_base::geometry::{Base, ColorPicture, Mask, Panel, Rigid};
 use panelprep_base::phase::Phase;
 use panelprep_base::verdict::Verdict;

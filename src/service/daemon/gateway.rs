@@ -6,14 +6,20 @@
 
 use super::alarms::Alarms;
 use super::camera_lease::SharedCameras;
+use super::examination::low_disk_space;
 use super::operator_texts;
 use super::people::AccountService;
-use super::request::{PreparedCycle, Reply, Request, RequestKind, RequestResult, StartRequest};
+use super::request::{Reply, Request, RequestKind, RequestResult};
 use super::request_queue::{RequestQueueError, RequestSender};
-use super::sources::SetupSource;
+use super::transfer::RecordTransfers;
+use crate::setup::clock::now_unix_ms;
+use crate::setup::{CellFiles, CycleLoader, RecipeText, expiring_verifications, judge_health, unreadable_reason};
+use crate::setup::{PreparedCycle, StartRequest};
 use panelprep_base::disk;
 use panelprep_base::verdict::Reason;
+use panelprep_cell::recipe::Recipe;
 use panelprep_cell::record::{RequestAuthor, RequestSource, RequestedAction};
+use panelprep_store::office::RecipeOffer;
 use std::os::fd::AsFd;
 use std::path::Path;
 use std::sync::Arc;
@@ -28,25 +34,28 @@ const REPLY_TIMEOUT: Duration = Duration::from_secs(5);
 const NAME_TIMEOUT: Duration = Duration::from_secs(1);
 const NAME_TIMEOUT_OF_STOP: Duration = Duration::from_millis(20);
 
-/// Reads and checks the files for a requested cycle, or returns the reasons why the cycle cannot begin.
-pub type Loader = dyn Fn(StartRequest) -> Result<PreparedCycle, Vec<Reason>> + Send + Sync;
-
-/// The entry point through which interfaces submit requests. Clones share the same state.
+/// The entry point through which interfaces submit requests. All clones share the same state.
 #[derive(Clone)]
 pub struct Gateway {
     queue: RequestSender,
-    loader: Arc<Loader>,
-    /// The cameras of the service; `None` until they are opened.
+    /// Prepares starts, or the reason why the cell cannot start a cycle at all.
+    loader: Result<Arc<CycleLoader>, Reason>,
+    /// The service's cameras, after they are opened.
     pub(super) cameras: Option<SharedCameras>,
     /// Looks up the names of users.
     names: Arc<NameLookup>,
 }
 
 impl Gateway {
-    /// Creates a gateway. Requests are sent to `queue`, `loader` prepares the start of cycles, and `cameras` are lent
-    /// while no cycle is running.
-    pub fn new(queue: RequestSender, loader: Arc<Loader>, cameras: Option<SharedCameras>) -> Self {
-        Gateway { queue, loader, cameras, names: Arc::new(user_name) }
+    /// Creates a gateway: requests go to `queue`, `loader` prepares starts, and `cameras` are lent while the cell
+    /// rests.
+    pub fn new(queue: RequestSender, loader: Arc<CycleLoader>, cameras: SharedCameras) -> Self {
+        Gateway { queue, loader: Ok(loader), cameras: Some(cameras), names: Arc::new(user_name) }
+    }
+
+    /// Creates the gateway of a service that has no cell yet: it refuses each start for this reason.
+    pub fn without_cell(queue: RequestSender, reason: Reason) -> Self {
+        Gateway { queue, loader: Err(reason), cameras: None, names: Arc::new(user_name) }
     }
 
     /// Submits a request and returns the reply. It must run on a tokio runtime that has a blocking thread for the
@@ -121,8 +130,9 @@ impl Gateway {
 
     /// Reads the files that a cycle needs, on a separate thread, because the disk may be slow.
     async fn prepare(&self, start: StartRequest) -> Result<PreparedCycle, Reply> {
-        let loader = self.loader.clone();
-        match tokio::task::spawn_blocking(move || loader(start)).await {
+        let refused = |reason| Reply::refused(RequestResult::Refused, vec![reason]);
+        let loader = self.loader.clone().map_err(refused)?;
+        match tokio::task::spawn_blocking(move || loader.load(&start)).await {
             Ok(prepared) => prepared.map_err(|reasons| Reply::refused(RequestResult::Refused, reasons)),
             Err(error) => {
                 let message = format!("the recipe could not be read: {error}");
@@ -203,15 +213,41 @@ pub struct InterfaceContext {
     pub people: Arc<AccountService>,
     /// The alarms of the cell.
     pub alarms: Arc<Alarms>,
-    /// The source of recipes, calibrations and the rest of the set-up.
-    pub setup: Arc<dyn SetupSource>,
+    /// Recipes, calibrations and the rest of the set-up.
+    pub setup: Arc<CellFiles>,
+    /// The status of the transfers of records out of the cell.
+    pub transfers: RecordTransfers,
 }
 
 impl InterfaceContext {
     /// Checks for alarms between cycles if they were not checked within the last minute. The check of a camera may take
     /// some seconds.
     pub(super) fn check_alarms(&self) {
-        self.alarms.check_cell(&*self.setup, self.gateway.cameras.as_ref());
+        self.alarms.check_cell(|| self.cycle_obstacles(), self.gateway.cameras.as_ref());
+    }
+
+    /// Returns what prevents a cycle now or will soon prevent one, apart from the cameras: the disk, the age of
+    /// verifications, and transfers that are behind.
+    fn cycle_obstacles(&self) -> Vec<Reason> {
+        let (files, RecordTransfers { office, push }) = (&self.setup, &self.transfers);
+        let verified = judge_health(files).map_or_else(|fault| vec![unreadable_reason(&fault)], |it| it.reasons);
+        let ending = expiring_verifications(files).unwrap_or_default();
+        let now_unix_ms = now_unix_ms();
+        let office = files.cell.office().map(|it| office.reasons(it.alarm_delay_min, now_unix_ms));
+        let push = files.cell.push().map(|it| push.reasons(it.alarm_delay_min, now_unix_ms));
+        let behind = office.into_iter().chain(push).flatten();
+        low_disk_space(files.store_folder()).into_iter().chain(verified).chain(ending).chain(behind).collect()
+    }
+
+    /// Returns the recipe that the office offers in place of this one; `None` if it offers none, or the same.
+    ///
+    /// # Errors
+    /// If there is no such recipe or it cannot be read; the error is a text for people.
+    pub(super) fn recipe_offer(&self, name: &str) -> Result<Option<RecipeOffer>, String> {
+        let RecipeText { name, text } = self.setup.recipe(name)?;
+        // The problems of the recipe are reported next to it.
+        let Ok(recipe) = Recipe::check(&name, &text) else { return Ok(None) };
+        Ok(self.transfers.office.recipe_offer(recipe.panel()).filter(|offer| offer.text != text))
     }
 }
 
@@ -229,7 +265,7 @@ mod tests {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build().expect("a runtime");
         let named = |names: Arc<NameLookup>| {
             let (sender, queue) = request_queue();
-            let gateway = Gateway { names, ..Gateway::new(sender, Arc::new(|_| Err(vec![])), None) };
+            let gateway = Gateway { names, ..Gateway::without_cell(sender, Reason::new("not_now", "no cell")) };
             let who = RequestAuthor { uid: Some(1_001), ..RequestAuthor::from_source(RequestSource::Socket) };
             let answered = gateway.request(RequestKind::Table(cycle::Request::Stop), who);
             let asked = runtime.block_on(async {
@@ -250,8 +286,7 @@ mod tests {
     #[test]
     fn a_refusal_by_an_interface_is_recorded() {
         let (sender, queue) = request_queue();
-        let loader: Arc<Loader> = Arc::new(|_| Err(vec![]));
-        let gateway = Gateway::new(sender, loader, None);
+        let gateway = Gateway::without_cell(sender, Reason::new("not_now", "no cell"));
         let wanted = RequestKind::Hold { why: "a hair".to_owned() }.wanted().expect("it is for the cell");
         let who =
             RequestAuthor { user: Some("ada".to_owned()), ..RequestAuthor::from_source(RequestSource::Socket) };

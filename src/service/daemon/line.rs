@@ -7,14 +7,15 @@ use super::background::lower_priority;
 use super::gateway::Gateway;
 use super::people::AccountService;
 use super::ports::LastState;
-use super::request::{PartNames, RecipeTextPermission, Reply, RequestKind, RequestResult, StartRequest};
-use super::sources::RecipeText;
+use super::request::{Reply, RequestKind, RequestResult};
+use crate::setup::{RecipeText, RecipeTextPermission, StartRequest};
 use panelprep_base::disk;
 use panelprep_base::verdict::Reason;
 use panelprep_cell::accounts::AuditEntry;
 use panelprep_cell::cell::{InputsOutputs, LINE_INPUTS, Line};
 use panelprep_cell::cycle;
 use panelprep_cell::line::{CellStatus, Handshake, LineInputs, LineObservation, LineRequest};
+use panelprep_cell::record::PartNames;
 use panelprep_cell::record::{RequestAuthor, RequestSource, RequestedAction};
 use panelprep_devices::robot::LineOutputs;
 use std::sync::Arc;
@@ -175,22 +176,10 @@ impl LineParts {
     /// Returns the request to start a cycle with the recipe and the part that the cell's file names. A recipe that was
     /// changed after the service started is refused.
     async fn start(&self, recipe: &Result<RecipeText, String>) -> Result<RequestKind, String> {
-        let Line { serial, order, operator, .. } = self.line.clone();
         let wanted = recipe.as_ref().map_err(|problem| add_restart_advice(problem))?;
         let now = self.recipe().await?;
-        let RecipeText { name, text } =
-            now.if_unchanged(&wanted.sha256()).map_err(|problem| add_restart_advice(&problem))?;
-        let part = Some(PartNames { serial, order, operator });
-        Ok(RequestKind::Start(StartRequest {
-            recipe: name,
-            text,
-            record: None,
-            part,
-            another_part: false,
-            lost_passes: None,
-            is_stated_clear: false,
-            own_text: RecipeTextPermission::Allowed,
-        }))
+        let recipe = now.if_unchanged(&wanted.sha256()).map_err(|problem| add_restart_advice(&problem))?;
+        Ok(RequestKind::Start(start_request(&self.line, recipe)))
     }
 
     /// Reads the present text of the recipe that the cell's file names.
@@ -205,7 +194,21 @@ impl LineParts {
     }
 }
 
-/// Adds the advice to restart the service, so that it uses the present recipe.
+fn start_request(line: &Line, RecipeText { name, text }: RecipeText) -> StartRequest {
+    let Line { serial, order, operator, .. } = line.clone();
+    StartRequest {
+        recipe: name,
+        text,
+        record: None,
+        part: Some(PartNames { serial, order, operator }),
+        another_part: false,
+        lost_passes: None,
+        is_stated_clear: false,
+        own_text: RecipeTextPermission::Allowed,
+    }
+}
+
+/// Adds to a problem that the service must be restarted to use the present recipe.
 fn add_restart_advice(problem: &str) -> String {
     format!("{problem}; restart the service if the line is to use the current recipe")
 }
@@ -215,16 +218,17 @@ mod tests {
     //! Tests the handshake over the connection to the robot, with a controller that executes its own programs: the
     //! line's inputs and outputs are those of the controller.
 
-    use super::{LineFront, LineParts};
+    use super::{LineFront, LineParts, RecipeText, start_request};
     use crate::daemon::gateway::Gateway;
     use crate::daemon::people::AccountService;
     use crate::daemon::ports::LastState;
-    use crate::daemon::request::{Reply, RequestKind, RequestResult, StartRequest};
+    use crate::daemon::request::{Reply, RequestKind, RequestResult};
     use crate::daemon::request_queue::{RequestQueue, request_queue};
     use panelprep_base::verdict::{Reason, Verdict};
     use panelprep_cell::cell::{Line, LineSignal};
     use panelprep_cell::cycle;
     use panelprep_cell::line::LineSignals;
+    use panelprep_cell::record::RequestedAction;
     use panelprep_devices::mock;
     use panelprep_devices::mock::{MockServer, Programs};
     use panelprep_devices::robot::{Address, BlockingLink};
@@ -245,7 +249,8 @@ mod tests {
         server: MockServer,
         /// The state and verdict that the loop reports.
         state: Arc<Mutex<(&'static str, Option<Verdict>)>>,
-        starts: mpsc::Receiver<StartRequest>,
+        /// The recipes of the starts that were refused, since there is no cell.
+        starts: mpsc::Receiver<String>,
         resets: mpsc::Receiver<()>,
         front: Option<LineFront>,
         is_over: Arc<AtomicBool>,
@@ -290,15 +295,11 @@ mod tests {
             std::fs::write(&recipe, "panel = \"door\"\n").expect("written");
             let (sender, queue) = request_queue();
             let (tell_start, starts) = mpsc::channel();
-            let loader = move |start: StartRequest| {
-                let _ = tell_start.send(start);
-                Err(vec![Reason::new("bad_input", "not here")])
-            };
-            let gateway = Gateway::new(sender, Arc::new(loader), None);
+            let gateway = Gateway::without_cell(sender, Reason::new("bad_input", "not here"));
             let state = Arc::new(Mutex::new(("idle", None)));
             let (tell_reset, resets) = mpsc::channel();
             let (reported, over) = (state.clone(), is_over.clone());
-            std::thread::spawn(move || answer((&queue, &over), &reported, &tell_reset));
+            std::thread::spawn(move || answer((&queue, &over), &reported, (&tell_start, &tell_reset)));
             let line = Line { recipe, serial: None, order: Some("WO 7".to_owned()), operator: None };
             let people = Arc::new(AccountService::new(folder.path().to_owned()));
             let parts = LineParts { line, inputs: [1, 2], last, outputs, gateway, people };
@@ -349,13 +350,19 @@ mod tests {
     fn answer(
         (queue, is_over): (&RequestQueue, &AtomicBool),
         state: &Mutex<(&'static str, Option<Verdict>)>,
-        resets: &mpsc::Sender<()>,
+        (starts, resets): (&mpsc::Sender<String>, &mpsc::Sender<()>),
     ) {
         while !is_over.load(Ordering::Relaxed) {
             let Some(request) = queue.next(Duration::from_millis(50)) else { continue };
-            if let RequestKind::Table(cycle::Request::Reset) = request.what {
-                *state.lock().expect("whole") = ("idle", None);
-                let _ = resets.send(());
+            match request.what {
+                RequestKind::Table(cycle::Request::Reset) => {
+                    *state.lock().expect("whole") = ("idle", None);
+                    let _ = resets.send(());
+                }
+                RequestKind::Refused { wanted: RequestedAction::Start { recipe }, .. } => {
+                    let _ = starts.send(recipe);
+                }
+                _ => {}
             }
             let (word, verdict) = *state.lock().expect("whole");
             let reply =
@@ -366,9 +373,24 @@ mod tests {
         }
     }
 
-    /// Tests three sequences. First, a signal edge starts a cycle with the recipe and the work order of the cell's
-    /// file; the start is refused, and the refusal is reported. Second, after a completed cycle the part is removed,
-    /// and the cell is reset. Third, if no thread serves the connection, the line receives a fault.
+    #[test]
+    fn a_start_of_the_line_has_the_recipe_and_the_names_of_the_cells_file() {
+        let line = Line {
+            recipe: "door.toml".into(),
+            serial: None,
+            order: Some("WO 7".to_owned()),
+            operator: Some("Ada".to_owned()),
+        };
+        let recipe = RecipeText { name: "door.toml".to_owned(), text: "panel = \"door\"\n".to_owned() };
+        let start = start_request(&line, recipe);
+        assert_eq!((start.recipe.as_str(), start.text.as_str()), ("door.toml", "panel = \"door\"\n"));
+        let part = start.part.expect("named");
+        assert_eq!((part.order.as_deref(), part.operator.as_deref()), (Some("WO 7"), Some("Ada")));
+    }
+
+    /// Tests three sequences: a start by a signal edge with the recipe and work order of the cell's file, which is
+    /// refused and reported; a completed cycle, whose part is then removed, and a reset; and a fault when no thread
+    /// serves the link.
     #[test]
     fn a_production_line_controls_the_cell_by_signals() {
         use LineSignal::{CycleDone, Fail, Fault, Pass, Ready};
@@ -381,9 +403,8 @@ mod tests {
         bench.line_sets(true, false);
         std::thread::sleep(Duration::from_millis(500));
         bench.line_sets(true, true);
-        let start = bench.starts.recv_timeout(TIMEOUT).expect("an edge asks");
-        assert_eq!(start.text, "panel = \"door\"\n");
-        assert_eq!(start.part.and_then(|part| part.order).as_deref(), Some("WO 7"));
+        let recipe = bench.starts.recv_timeout(TIMEOUT).expect("an edge asks");
+        assert!(recipe.ends_with("door.toml"), "{recipe}");
         bench.line_reads(&[Fault]);
         bench.line_sets(true, false);
         bench.line_reads(&[Ready]);

@@ -6,7 +6,7 @@
 //! replaced by the next one. The scene is kept in memory only, and belongs to the newest cycle.
 
 use super::perception::view;
-use super::setup::CycleSetup;
+use crate::setup::CycleSetup;
 use panelprep_base::geometry::{Base, Camera, ColorPicture, Mask, OrganizedCloud, Panel, Rigid};
 use panelprep_cell::imaging::ImagingError;
 use panelprep_cell::panel::{Grid, GridId};

@@ -17,10 +17,10 @@
 //! The loop uses the robot's time. In lock step this is the mock controller's virtual clock, so that sprays, films and
 //! deadlines need no real time; this clock stops during a computation.
 //!
-//! `setup` is the loop's input. `running` is its memory: the action in progress, the path that was sent, and the last
-//! waypoint that is permitted on a contact path. `answers` converts the result of a phase to the state table's answer
-//! and the record's finding; `tool_state` is the known state of a compliant tool. `run`, `actions`, `moves`, `contacts`
-//! and `robot_reports` perform the effects.
+//! [`crate::setup`] is the loop's input. `running` is its memory, with the action in progress, the path that was sent, and the
+//! limit up to which a contact path may continue. `answers` converts a phase's findings to the state table's answer and
+//! the record's finding; `tool_state` is the known state of a compliant tool. `run`, `actions`, `moves`, `contacts` and
+//! `robot_reports` perform the effects.
 //!
 //! A service, a single cycle and a replay use this same loop with different `ports`. Around the loop of the service are
 //! `request` (the one request type of every interface) · `socket` (the interface on this computer) · `protocol` (one
@@ -35,18 +35,20 @@ mod alarms;
 mod answers;
 mod background;
 mod camera_lease;
-mod clock;
+mod client;
 mod computing;
 mod contacts;
 mod control;
 mod corners;
 mod corrected;
 mod error;
+mod examination;
 mod films;
 #[cfg(feature = "plant")]
 mod fleet;
 mod free_memory;
 mod gateway;
+mod interfaces;
 mod line;
 mod live_view;
 mod moves;
@@ -55,10 +57,10 @@ mod office;
 #[cfg(feature = "plant")]
 mod opcua;
 mod operator_texts;
+mod page_writer;
 mod people;
 mod perception;
 mod ports;
-mod proof_gate;
 mod protocol;
 mod push;
 mod recording;
@@ -71,37 +73,38 @@ mod request_queue;
 mod robot_reports;
 mod run;
 mod running;
-mod setup;
 mod single;
 mod single_interlocks;
 mod slots;
 mod socket;
-mod sources;
 #[cfg(feature = "plant")]
 mod sparkplug;
 mod tool_state;
 mod transfer;
 mod web;
-mod wiring;
 
 #[cfg(test)]
 mod tests;
 
 pub use alarms::{AlarmId, Alarms};
 pub use camera_lease::{AllCameras, BorrowedFlangeCamera, RemoteScanner, SharedCameras, ShotRequest};
-pub use computing::{CalibrationCheck, Computing};
+pub use client::{ClientError, send_to_service, service_axes, service_state};
+pub use computing::{CalibrationCheck, Computing, Memory, SceneKey};
 pub use error::DaemonError;
+pub use examination::{ExaminationOptions, ExaminedItem, ItemStatus, accept_connection, examine_cell};
 #[cfg(feature = "plant")]
 pub use fleet::{FleetAddress, FleetError, serve as serve_fleet};
 pub use free_memory::give_back_free_memory;
-pub use gateway::{Gateway, InterfaceContext, Loader, current_user};
+pub use gateway::{Gateway, InterfaceContext, current_user};
+pub use interfaces::Interfaces;
 pub use line::{LineFront, LineParts};
 pub use live_view::{LiveFilm, LiveFrame, LiveView};
 #[cfg(feature = "plant")]
-pub use office::{OfficeParts, OfficeSender, OfficeStatus};
+pub use office::{OfficeParts, OfficeSender};
 #[cfg(feature = "plant")]
 pub use opcua::{OpcUaParts, OpcUaServer};
 pub use operator_texts::{command, refusal, request_keyword, state_reason};
+pub use page_writer::write_pages;
 pub use people::{AccountService, LoginResult};
 pub use ports::{
     CameraAnswer, CameraCommand, CameraFault, CameraPort, Cameras, Command, Figure, Finding, LastState,
@@ -109,28 +112,17 @@ pub use ports::{
     RecordCommand, RecordError, RecordPort, RequestAnswer, RequestCommand, RequestPort, Requester, RobotAnswer,
     RobotCommand, RobotPort, StoredPicture, ToolAnswer, ToolCommand, ToolPort,
 };
-pub use proof_gate::ProofGate;
 pub use protocol::{MAX_BYTES, ProtocolError, read_request, request_line};
-pub use push::{PushParts, PushSender, PushStatus};
-pub use recording::{FLOOR_MB, StoreRecord, picture_store};
-#[cfg(any(test, feature = "testing"))]
-pub use remembered::{Memory, SceneKey};
-pub use replay::{
-    Difference, MIN_FREE_SPACE_FOR_RECORDING_MB, Player, RecordedPort, Recording, RecordingPlan, RecordingResult,
-    RecordingStatus, RecordingSwitch, ReplayResult, disk_full_message, free_mb, recording_file, recordings,
-};
-pub use request::{
-    PartNames, PreparedCycle, RecipeTextPermission, RecordIn, Reply, Request, RequestKind, RequestResult,
-    StartRequest,
-};
+pub use push::{PushParts, PushSender};
+pub use recording::{StoreRecord, picture_store};
+pub use replay::{Difference, Player, RecordedPort, Recording, RecordingSwitch, ReplayResult};
+pub use request::{Reply, Request, RequestKind, RequestResult};
 pub use request_handler::{EndedCycle, LastWrittenPage, RequestHandler, ServiceParts, wait_for};
 pub use request_queue::{RequestQueue, RequestQueueError, RequestSender, request_queue};
 pub use run::{LoopOutcome, LoopPorts, LoopStart, run};
-pub use setup::{Calibrations, CellSetup, CycleSetup};
-pub use single::{Mounted, SingleError, SingleLine, SingleRobot, speed_command};
+pub use single::{SingleError, SingleLine, SingleRobot, speed_command};
 pub use socket::{Socket, SocketError};
-pub use sources::{Equipment, ExaminedItem, RecipeProposal, RecipeText, RecordPdf, RecordSource, SetupSource};
 #[cfg(feature = "plant")]
 pub use sparkplug::{SparkplugEdge, SparkplugParts};
+pub use transfer::{OfficeStatus, PushStatus, RecordTransfers};
 pub use web::{OperatorPage, PageError, PageParts};
-pub use wiring::Wiring;

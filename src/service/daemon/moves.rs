@@ -3,9 +3,9 @@
 
 use super::error::DaemonError;
 use super::ports::RobotPort;
-use super::proof_gate;
 use super::running::{Condition, LoopMemory, PathEndPose, PendingAction, SentPath, seconds};
-use super::setup::CycleSetup;
+use crate::setup::CycleSetup;
+use crate::setup::proof_gate;
 use panelprep_base::geometry::{Base, Flange, Joints, Panel, Rigid, Tool};
 use panelprep_base::number_text::distinguishable_texts;
 use panelprep_base::verdict::Reason;

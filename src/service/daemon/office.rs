@@ -3,31 +3,28 @@
 //! for this thread, and no answer of the office server changes what the cell does: records are only sent again, or an
 //! alarm is raised.
 //!
-//! [`OfficeStatus`] is the status for people, and `StateReporter` determines the state of the cell for the office
-//! server. `MissingRecords` decides when a record is sent again that is missing in the archive although the broker
-//! acknowledged it. In one round, `Sender` sends new records to the broker and receives the answers of the office
-//! server; the progress is stored in the store's folder (`transfer`).
+//! `StateReporter` determines the state of the cell that the office receives. `MissingRecords` decides when a record
+//! that the office does not have, although the broker accepted it, is sent again. In one round, `Sender` sends new records to the broker and receives the office's answer; the progress is
+//! stored in the store's folder (`transfer`).
 
 use super::background::{Background, Plan, Rounds};
-use super::clock::now_unix_ms;
 use super::gateway::InterfaceContext;
 use super::request::RequestKind;
+use crate::setup::clock::now_unix_ms;
 
 use super::transfer;
-use super::transfer::TransferBacklog;
+use super::transfer::OfficeStatus;
 use panelprep_base::verdict::Reason;
 use panelprep_cell::cell::{CellName, Office};
 use panelprep_cell::record::{RequestAuthor, RequestSource};
 use panelprep_interfaces::broker::{BrokerError, CellLink, PendingMessage};
 use panelprep_store::history::{Alarm, Priority};
 use panelprep_store::office::{
-    Body, CellState, ChunkOwner, ItemEnvelope, Message, Position, Progress, ReasonText, RecipeOffer, ReportOutcome,
-    chunks,
+    Body, CellState, ChunkOwner, ItemEnvelope, Message, Position, Progress, ReasonText, ReportOutcome, chunks,
 };
 use panelprep_store::store::Store;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
-use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 /// The thread that sends to the office server; dropping this value ends the thread.
@@ -64,69 +61,7 @@ pub struct OfficeParts {
     pub status: OfficeStatus,
 }
 
-const ALARM_TEXTS: (&str, &str) =
-    ("records have not reached the office server", "the archive does not accept the records");
-
-/// The status of the transfer. Clones share the same status.
-#[derive(Debug, Clone, Default)]
-pub struct OfficeStatus(Arc<Mutex<StatusData>>);
-
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
-struct StatusData {
-    /// The records that the office server does not have yet.
-    waiting: TransferBacklog,
-    /// Epochs of which the office server has more records than the store ever had: name of the epoch, last record
-    /// number of the office server, last record number of the store.
-    newer_epochs: Vec<(String, u64, u64)>,
-    /// The recipes that the office server offers.
-    offers: Vec<RecipeOffer>,
-}
-
-impl OfficeStatus {
-    fn change<T>(&self, change: impl FnOnce(&mut StatusData) -> T) -> T {
-        change(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
-    }
-
-    /// Records the present problem, if any; returns whether the problem is new.
-    fn record_problem(&self, problem: Option<&str>) -> bool {
-        self.change(|stands| stands.waiting.record_problem(problem))
-    }
-
-    fn record_backlog(&self, behind: u64, waits_since_unix_ms: Option<i64>) {
-        self.change(|stands| stands.waiting.record_backlog(behind, waits_since_unix_ms));
-    }
-
-    fn record_newer_epochs(&self, more: Vec<(String, u64, u64)>) {
-        self.change(|stands| stands.newer_epochs = more);
-    }
-
-    fn record_offers(&self, offers: Vec<RecipeOffer>) {
-        self.change(|stands| stands.offers = offers);
-    }
-
-    /// Returns the newest recipe that the office server offered for this panel.
-    pub fn recipe_offer(&self, panel: &str) -> Option<RecipeOffer> {
-        self.change(|stands| stands.offers.iter().find(|offer| offer.panel == panel).cloned())
-    }
-
-    /// Returns the problems for the alarms between cycles: a record that has waited longer than `behind_min` minutes,
-    /// and an office server that has more records than the cell.
-    pub fn reasons(&self, behind_min: usize, now_unix_ms: i64) -> Vec<Reason> {
-        let StatusData { waiting, newer_epochs: more, offers: _ } = self.change(|stands| stands.clone());
-        let late = waiting.overdue_text(behind_min, now_unix_ms, ALARM_TEXTS);
-        let mut reasons: Vec<Reason> = late.into_iter().map(|words| Reason::new("office_behind", words)).collect();
-        for (epoch, office, store) in more {
-            let words = format!(
-                "the office server has {office} records of epoch {epoch}, but the store of this cell has {store}: \
-                 the store was rolled back, or another cell has the same name"
-            );
-            reasons.push(Reason::new("office_contradicts", words));
-        }
-        reasons
-    }
-}
-
-/// Minimum interval between two reports of the state.
+/// Shortest time between two reports of the state.
 const MIN_REPORT_INTERVAL: Duration = Duration::from_secs(2);
 /// Interval at which the active alarms are read.
 const ALARM_POLL_INTERVAL: Duration = Duration::from_secs(5);
@@ -528,29 +463,8 @@ impl Sender {
 mod tests {
     use super::*;
 
-    #[test]
-    fn a_record_that_waits_too_long_is_an_alarm_with_its_cause() {
-        let status = OfficeStatus::default();
-        let minute = 60_000;
-        status.record_backlog(3, Some(10 * minute));
-        assert_eq!(status.reasons(60, 69 * minute), []);
-        let late = |status: &OfficeStatus| status.reasons(60, 70 * minute);
-        assert_eq!(late(&status)[0].code, "office_behind");
-        assert!(
-            late(&status)[0]
-                .message
-                .ends_with("has waited for 60 min (limit 60 min): the archive does not accept the records")
-        );
-        assert!(status.record_problem(Some("no route")) && !status.record_problem(Some("no route")), "told once");
-        assert!(late(&status)[0].message.ends_with(": no route"));
-        status.record_backlog(0, None);
-        assert_eq!(late(&status), []);
-        status.record_newer_epochs(vec![("ab".to_owned(), 9, 3)]);
-        assert_eq!(late(&status)[0].code, "office_contradicts");
-    }
-
-    /// Expected intervals: with an alarm after 60 min, a record is sent again after 10 min, after 20 min more and after
-    /// 40 min more. The intervals begin again when further records arrive at the office server.
+    /// With an alarm after 60 min, a record is sent again after 10 min, after 20 min more and after 40 min more; the
+    /// delays begin again when the office makes progress.
     #[test]
     fn a_missing_record_is_resent_at_increasing_intervals() {
         let (mut lacking, begin) = (MissingRecords::default(), Instant::now());

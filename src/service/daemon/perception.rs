@@ -8,7 +8,7 @@ use super::corners::CornerLoop;
 use super::error::DaemonError;
 use super::films::{BeginFilm, DryPicture, FilmEvaluation, FilmedPanel};
 use super::ports::{CameraPort, Picture2d, Record};
-use super::setup::CycleSetup;
+use crate::setup::CycleSetup;
 use crate::stages::corners::{CornerReference, Progress, Sighting};
 use crate::stages::{ResultDrawing, film};
 use crate::{report, stages};

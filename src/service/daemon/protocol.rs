@@ -12,7 +12,8 @@
 //! socket itself: see `socket`.
 
 use super::camera_lease::ShotRequest;
-use super::request::{RequestKind, StartRequest};
+use super::request::RequestKind;
+use crate::setup::StartRequest;
 use panelprep_cell::cycle::Request;
 use serde::{Deserialize, Serialize};
 

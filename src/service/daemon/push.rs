@@ -7,21 +7,20 @@
 //! was lost. The repeated file has the same address and the same bytes; only the page may differ, because it also shows
 //! later signatures.
 //!
-//! [`PushStatus`] is the status for people, `Connection` is the HTTP connection to the server, and one round of
-//! `Sender` sends the next file. The progress is stored in the store's folder (`transfer`).
+//! `Connection` is the HTTP connection to the server, and one round of
+//! `Sender` puts the next file. The progress is stored in the store's folder (`transfer`).
 
 use super::background::{Background, Plan, Rounds};
-use super::sources::{RecordPdf, RecordSource};
+use crate::setup::{CellFiles, RecordPdf, cycle_pdf};
 
 use super::transfer;
-use super::transfer::TransferBacklog;
+use super::transfer::PushStatus;
 use axum::body::{Body, Bytes, to_bytes};
 use hyper::client::conn::http1::{SendRequest, handshake};
 use hyper::header::{AUTHORIZATION, CONTENT_TYPE, HOST, HeaderValue, LOCATION};
 use hyper::{Method, Request, Response, StatusCode};
 use hyper_util::rt::TokioIo;
 use panelprep_base::trust;
-use panelprep_base::verdict::Reason;
 use panelprep_cell::cell::{PushSettings, WebFolder};
 use panelprep_cell::record::CycleId;
 use panelprep_store::signing;
@@ -31,7 +30,7 @@ use rustls::pki_types::ServerName;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::path::PathBuf;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::TcpStream;
@@ -64,31 +63,10 @@ impl PushSender {
 pub struct PushParts {
     /// The `[push]` table of the cell's file.
     pub push: PushSettings,
-    /// The store's folder.
-    pub folder: PathBuf,
-    /// The source of the pages of cycles.
-    pub records: Arc<dyn RecordSource>,
-    /// The status of the transfer that is shown to people.
+    /// The cell's files, with the pages of cycles.
+    pub files: Arc<CellFiles>,
+    /// The status that is shown to people.
     pub status: PushStatus,
-}
-
-const ALARM_TEXTS: (&str, &str) =
-    ("signed records have not reached the quality system", "the transfer is in progress");
-
-/// The status of the transfer. Clones share the same status.
-#[derive(Debug, Clone, Default)]
-pub struct PushStatus(Arc<Mutex<TransferBacklog>>);
-
-impl PushStatus {
-    fn lock_waiting(&self) -> MutexGuard<'_, TransferBacklog> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    /// Returns the problem for the alarms between cycles: a record that has waited longer than `behind_min` minutes.
-    pub fn reasons(&self, behind_min: usize, now_unix_ms: i64) -> Vec<Reason> {
-        let late = self.lock_waiting().overdue_text(behind_min, now_unix_ms, ALARM_TEXTS);
-        late.into_iter().map(|words| Reason::new("push_behind", words)).collect()
-    }
 }
 
 /// Timeout for connecting.
@@ -283,7 +261,7 @@ fn page_files(cycle: CycleId, RecordPdf { pdf, page, signature }: RecordPdf) -> 
 struct Sender {
     push: PushSettings,
     folder: PathBuf,
-    records: Arc<dyn RecordSource>,
+    files: Arc<CellFiles>,
     status: PushStatus,
     progress: Progress,
     store: Option<Store>,
@@ -296,9 +274,10 @@ struct Sender {
 
 impl Sender {
     pub fn new(parts: &PushParts) -> Self {
-        let PushParts { push, folder, records, status } = parts;
-        let (push, folder, records, status) = (push.clone(), folder.clone(), records.clone(), status.clone());
-        let mut progress: Progress = transfer::read_progress(&folder, PROGRESS_FILE_NAME);
+        let PushParts { push, files, status } = parts;
+        let (push, files, status) = (push.clone(), files.clone(), status.clone());
+        let folder = files.store_folder().to_owned();
+        let mut progress: Progress = transfer::read_progress(&folder, PROGRESS);
         let to = push.target_folder.to_string();
         if progress.to != to {
             progress = Progress { to, ..Progress::default() };
@@ -306,7 +285,7 @@ impl Sender {
         Sender {
             push,
             folder,
-            records,
+            files,
             status,
             progress,
             store: None,
@@ -390,8 +369,8 @@ impl Sender {
     /// signature.
     async fn next_page_file(&mut self, row: &SignatureRow) -> Result<Option<File>, String> {
         if self.page.as_ref().is_none_or(|(number, _)| *number != row.number) {
-            let (records, cycle) = (self.records.clone(), row.cycle);
-            let made = tokio::task::spawn_blocking(move || records.pdf(cycle)).await;
+            let (files, cycle) = (self.files.clone(), row.cycle);
+            let made = tokio::task::spawn_blocking(move || cycle_pdf(&files, cycle)).await;
             let made = made.map_err(|error| error.to_string())?.unwrap_or_else(|problem| {
                 tracing::warn!(
                     "cannot send the page of cycle {cycle} to the quality system: {problem}; it is sent \
@@ -438,26 +417,5 @@ impl Sender {
             bytes: bytes.into(),
         });
         Ok(last.find(|file| !self.stored_names.contains(&file.name)))
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_record_that_waits_too_long_is_an_alarm_with_its_cause() {
-        let status = PushStatus::default();
-        status.lock_waiting().record_backlog(2, Some(60_000));
-        assert_eq!(status.reasons(60, 60 * 60_000), []);
-        let late = |status: &PushStatus| status.reasons(60, 61 * 60_000).pop().map(|reason| reason.message);
-        let words =
-            "2 signed records have not reached the quality system; the oldest has waited for 60 min (limit 60 min)";
-        assert_eq!(late(&status), Some(format!("{words}: the transfer is in progress")));
-        assert!(status.lock_waiting().record_problem(Some("no route")));
-        assert!(!status.lock_waiting().record_problem(Some("no route")), "told once");
-        assert_eq!(late(&status), Some(format!("{words}: no route")));
-        status.lock_waiting().record_backlog(0, None);
-        assert_eq!(late(&status), None);
     }
 }

@@ -3,6 +3,7 @@
 use super::ports::{
     Figure, Finding, Note, PictureStore, Port, RecordAnswer, RecordCommand, RecordError, StoredPicture,
 };
+use crate::setup::FLOOR_MB;
 use panelprep_base::geometry::ColorPicture;
 use panelprep_base::phase::Phase;
 use panelprep_base::verdict::{Reason, Verdict};
@@ -13,9 +14,6 @@ use panelprep_store::store::{Store, StoreError};
 use rayon::prelude::*;
 use std::sync::Arc;
 
-/// Minimum free disk space at the beginning of a cycle, MB: enough for the pictures of the cycle and the longest
-/// journal of a day.
-pub const MIN_FREE_SPACE_MB: u64 = 1_000;
 /// Number of pictures of a clip that are compressed at the same time.
 const BATCH_PICTURES: usize = 8;
 

@@ -7,15 +7,12 @@
 
 use super::camera_lease::ShotRequest;
 use super::operator_texts;
-use super::replay::{RecordingPlan, RecordingResult};
-use super::setup::CycleSetup;
+use crate::setup::{PreparedCycle, RecordingResult, StartRequest};
 use panelprep_base::verdict::{Reason, Verdict};
 use panelprep_cell::cycle;
 use panelprep_cell::cycle::State;
 use panelprep_cell::panel::GridId;
-pub use panelprep_cell::record::PartNames;
 use panelprep_cell::record::{RequestAuthor, RequestSource, RequestedAction};
-use panelprep_store::store::CycleStart;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -158,74 +155,7 @@ impl RequestKind {
     }
 }
 
-/// The request to start a cycle. It contains the recipe as text, so that an interface needs no file that the service
-/// can read.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct StartRequest {
-    /// The name of the recipe in messages.
-    pub recipe: String,
-    /// Its text.
-    pub text: String,
-    /// Where the cycle is recorded for replay; `None` if it is not recorded.
-    #[serde(default)]
-    pub record: Option<RecordIn>,
-    /// The part in the cell, with its work order and operator.
-    #[serde(default)]
-    pub part: Option<PartNames>,
-    /// Whether a person states that the part in the fixture is not the part of earlier cycles; its sanding passes are
-    /// then counted from zero.
-    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
-    pub another_part: bool,
-    /// The number of passes over the part in cycles that are missing in a restored store, as a person stated it.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub lost_passes: Option<u8>,
-    /// Whether the person confirmed on the operator's page that the guard is closed and no person is inside the cell.
-    /// Only the page asks for this; a line of the socket cannot contain it.
-    #[serde(skip)]
-    pub is_stated_clear: bool,
-    /// Whether the text may differ from the file in the recipes' folder. The interface decides this by the person's
-    /// role; a line of the socket cannot contain it.
-    #[serde(skip)]
-    pub own_text: RecipeTextPermission,
-}
-
-/// Whether a start may contain a recipe text that is not in the recipes' folder.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum RecipeTextPermission {
-    /// Only a recipe of the folder is accepted: its name and content must agree.
-    #[default]
-    Refused,
-    /// Any text is accepted; the record states that it is not from the folder.
-    Allowed,
-}
-
-/// The place where the recording of a cycle is stored.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum RecordIn {
-    /// In the store, named by the number of the cycle.
-    Store,
-    /// In this new file, given by its absolute path.
-    File(PathBuf),
-}
-
-/// A cycle whose files were read and checked; the loop can begin it.
-#[derive(Debug)]
-pub struct PreparedCycle {
-    /// The request to the cycle's state table to begin the cycle.
-    pub request: cycle::Request,
-    /// Recipe, taught panel and calibrations.
-    pub setup: CycleSetup,
-    /// The data with which the cycle's record begins.
-    pub start: CycleStart,
-    /// How the cycle is recorded, if it is recorded.
-    pub recording: Option<RecordingPlan>,
-    /// Remarks on an accepted start, for the record.
-    pub remarks: Vec<Reason>,
-}
-
-/// The result of a request.
+/// Result of a request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum RequestResult {

@@ -10,7 +10,7 @@ use super::answers::reason;
 use super::error::DaemonError;
 use super::ports::{LoopEvent, RecordError};
 use super::running::{Condition, LoopMemory, PendingAction, SentPath};
-use super::wiring::{FeedbackContradiction, contrary_reason, unproven_reason};
+use crate::setup::{FeedbackContradiction, contrary_reason, unproven_reason};
 use crate::stages::abrade::deviation_limit_mm;
 use panelprep_base::geometry::{Base, Panel, Rigid, Tool};
 use panelprep_base::number_text::distinguishable_texts;

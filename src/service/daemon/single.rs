@@ -9,10 +9,10 @@
 use super::corrected::CalibratedRobot;
 use super::moves::{self, move_lin};
 use super::ports::RobotPort;
-use super::proof_gate;
 use super::single_interlocks;
-use super::wiring::is_input_on;
-use panelprep_base::geometry::{Base, Flange, Joints, KukaPose, Rigid, Tool};
+use crate::setup::is_input_on;
+use crate::setup::{Mounted, proof_gate};
+use panelprep_base::geometry::{Base, Joints, KukaPose, Rigid, Tool};
 use panelprep_base::supervision::ThreadFault;
 use panelprep_base::verdict::{Judgement, Reason, Verdict};
 use panelprep_cell::cell::{Arm, Cell, InputsOutputs, LOCAL_CONTROL, ProofStage};
@@ -78,15 +78,6 @@ pub struct SingleLine {
     pub tool: SetTcp,
     /// Speed of the TCP, mm/s.
     pub speed_mm_s: f64,
-}
-
-/// A device that is mounted on the flange, at its calibrated pose.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Mounted {
-    /// The name of the device, such as the sanding tool.
-    pub name: &'static str,
-    /// The pose of the device's tip in the flange frame.
-    pub flange_from_tip: Rigid<Flange, Tool>,
 }
 
 /// A connected robot that executes single functions.

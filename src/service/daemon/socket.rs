@@ -17,9 +17,10 @@
 use super::camera_lease::{SharedCameras, ShotRequest};
 use super::gateway::Gateway;
 use super::protocol::{MAX_BYTES, MAX_SHORT_BYTES, ProtocolError, is_long_line_allowed, read_request};
-use super::request::{RecipeTextPermission, Reply, RequestKind, RequestResult, StartRequest};
+use super::request::{Reply, RequestKind, RequestResult};
 use super::slots::{MaxConnections, Slot, Slots};
 use super::{camera_lease, gateway};
+use crate::setup::{RecipeTextPermission, StartRequest};
 use panelprep_base::supervision::{SupervisedThread, Supervisor, supervise};
 use panelprep_base::verdict::Reason;
 use panelprep_cell::accounts::{Permission, Role};

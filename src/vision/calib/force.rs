@@ -13,9 +13,13 @@
 //! sensor whose only scatter is its resolution. Measured values whose attitudes do not differ enough do not determine
 //! the payload and are refused.
 
+use super::health::VerificationLimits;
+use super::quantile::student_95;
 use panelprep_base::geometry::STANDARD_GRAVITY_M_S2;
 use panelprep_base::geometry::statistics::student_95;
 use panelprep_base::number_text::distinguishable_texts;
+use panelprep_base::verdict::{Check, LimitSource};
+use panelprep_cell::cell::{CompliantTool, Limits};
 use panelprep_cell::force::SensorLoad;
 
 /// Minimum number of measured values.
@@ -26,6 +30,8 @@ const MIN_DOWNWARD_RANGE: f64 = 0.5;
 const MIN_RESOLUTION_95_N: f64 = 0.098;
 /// Maximum distance of a measured value from the line, N; a value farther away was not measured without contact.
 const MAX_RESIDUAL_N: f64 = 3.0;
+/// Maximum error of a reading without contact, as a share of the tool's force band (`band_n`).
+const MAX_BAND_ERROR_SHARE: f64 = 0.5;
 
 /// A measured force without contact, with the attitude of the tool.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -51,7 +57,36 @@ pub struct ForceCalibration {
     pub readings: usize,
 }
 
-/// The reason why measured values do not determine payload and zero.
+impl ForceCalibration {
+    /// Compares the uncertainty of the force, from payload and zero, with the limit of a verification.
+    pub fn check_uncertainty(&self, tool: Option<&CompliantTool>) -> Check {
+        let known_n = self.zero_95_n + STANDARD_GRAVITY_M_S2 * self.payload_95_kg;
+        let check = Check::new("force by payload and zero, 95 %, at the worst attitude", "N", known_n);
+        let Some(tool) = tool else { return check };
+        let allowed_n = MAX_BAND_ERROR_SHARE * tool.band_n;
+        check.with_max(allowed_n, LimitSource::cell("tool.band_n")).or_review("force_uncertain", || {
+            let [found, allowed] = distinguishable_texts(known_n, allowed_n, 1);
+            format!(
+                "the force has an uncertainty of {found} N (limit {allowed} N); take more readings, at attitudes \
+                 that differ more"
+            )
+        })
+    }
+}
+
+/// Returns the largest force in N that the readings without contact state with the tool's payload and zero; `None` if
+/// there is no reading.
+pub fn largest_error_n(readings: &[AttitudeReading], tool: &CompliantTool) -> Option<f64> {
+    let load = SensorLoad::from(tool);
+    readings.iter().map(|read| load.contact_n(read.force_n, read.downwards).abs()).reduce(f64::max)
+}
+
+/// Returns the limits for the last verification of a tool's force, in N.
+pub fn verification_limits(limits: &Limits, tool: &CompliantTool) -> VerificationLimits {
+    VerificationLimits { limit: MAX_BAND_ERROR_SHARE * tool.band_n, ..VerificationLimits::from_limits(limits) }
+}
+
+/// The reason why readings do not determine a result.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum CalibrationError {
     /// There are too few measured values.

@@ -5,19 +5,19 @@ use super::peer::Peer;
 use crate::clients::harass;
 use panelprep::cell::{self, Cell};
 use panelprep::daemon::{
-    self, AccountService, Alarms, CellSetup, Computing, DaemonError, Equipment, ExaminedItem, Gateway,
-    InterfaceContext, LastWrittenPage, LinkedRobot, LiveView, LoopPorts, LoopStart, NoCameras, OperatorPage,
-    PageParts, Port, RecipeText, RecordAnswer, RecordCommand, RecordError, RecordPdf, RecordSource,
-    RecordingSwitch, Request, RequestHandler, RequestSender, ServiceParts, SetupSource, Socket, StoreRecord,
+    self, AccountService, Alarms, Computing, DaemonError, Gateway, InterfaceContext, LastWrittenPage, LinkedRobot,
+    LiveView, LoopPorts, LoopStart, NoCameras, OperatorPage, PageParts, Port, RecordAnswer, RecordCommand,
+    RecordError, RecordTransfers, RecordingSwitch, Request, RequestHandler, RequestSender, ServiceParts, Socket,
+    StoreRecord,
 };
 use panelprep::devices::robot::{Address, BlockingLink, link_limits};
 use panelprep::eki::ClockMode;
-use panelprep::geometry::ColorPicture;
-use panelprep::record::CycleId;
-use panelprep::store::{PersonSigningRequest, Store};
+use panelprep::setup::CellSetup;
+use panelprep::setup::testing::write_cell;
+use panelprep::store::Store;
 use panelprep::supervision::Supervisor;
 use panelprep::tape::LoopMemoryStart;
-use panelprep::verdict::Verdict;
+use panelprep::verdict::Reason;
 use serde_json::{Value, json};
 use std::io::{Read, Write};
 use std::net::TcpStream;
@@ -104,9 +104,8 @@ impl Served {
         sender.set_urgent_line(link.stop_line());
         let hangs = Arc::new(AtomicBool::new(false));
         let hung = hangs.clone();
-        let loader: Arc<daemon::Loader> = Arc::new(|_| Err(vec![]));
-        let gateway = Gateway::new(sender.clone(), loader, None);
-        // The server of a page reads the store, so the store must exist before the service runs.
+        let gateway = Gateway::without_cell(sender.clone(), Reason::new("bad_input", "no cell here"));
+        // The server of a page reads the store, which must exist before the service runs.
         drop(Store::create(&store_folder).expect("a store"));
         let watched = supervisor.clone();
         let service = std::thread::spawn(move || {
@@ -199,55 +198,7 @@ pub fn aborts_on_a_hanging_disk(trials: usize) -> Vec<Duration> {
     found
 }
 
-/// The data source of a page without recipes and records.
-struct Nothing;
-
-impl SetupSource for Nothing {
-    fn recipes(&self) -> Result<Vec<String>, String> {
-        Ok(vec![])
-    }
-    fn recipe(&self, _: &str) -> Result<RecipeText, String> {
-        Err("there is none".to_owned())
-    }
-    fn recipe_offer(&self, _: &str) -> Result<Option<panelprep::office::RecipeOffer>, String> {
-        Ok(None)
-    }
-    fn problems(&self, _: &str, _: &str) -> Vec<String> {
-        vec![]
-    }
-    fn not_taught(&self, _: &str, _: &str) -> Option<String> {
-        None
-    }
-    fn save(&self, _: &str, _: &str) -> Result<Option<String>, String> {
-        Err("there is none".to_owned())
-    }
-    fn taught_picture(&self, _: &str) -> Result<ColorPicture, String> {
-        Err("there is none".to_owned())
-    }
-    fn cycle_obstacles(&self) -> Vec<panelprep::verdict::Reason> {
-        vec![]
-    }
-    fn examine_cell(&self) -> Vec<ExaminedItem> {
-        vec![]
-    }
-    fn list_equipment(&self) -> Result<(Verdict, Vec<String>, Vec<Equipment>), String> {
-        Ok((Verdict::Accept, vec![], vec![]))
-    }
-}
-
-impl RecordSource for Nothing {
-    fn page(&self, _: CycleId) -> Result<String, String> {
-        Err("there is none".to_owned())
-    }
-    fn pdf(&self, _: CycleId) -> Result<Option<RecordPdf>, String> {
-        Ok(None)
-    }
-    fn sign(&self, _: &PersonSigningRequest) -> Result<u64, String> {
-        Err("there is none".to_owned())
-    }
-}
-
-/// Sends a request to the page. Returns the reply up to the end of the connection.
+/// Sends a request to the page; returns the answer up to the end of the connection.
 fn http(address: &str, method: &str, path: &str) -> String {
     let mut answer = String::new();
     if let Ok(mut stream) = TcpStream::connect(address) {
@@ -274,12 +225,12 @@ pub fn aborts_on_the_page(trials: usize, viewers: usize) -> Vec<Duration> {
         sessions: 3,
     };
     let (folder, gateway) = (served.folder.path().join("store"), served.gateway.clone());
-    let (setup, records) = (Arc::new(Nothing), Arc::new(Nothing));
+    let setup = write_cell(served.folder.path(), "", &[]);
     let people = Arc::new(AccountService::new(folder.clone()));
     let alarms = Arc::new(Alarms::new(people.clone()));
     let view = LiveView::default();
-    let front = InterfaceContext { gateway, people, alarms, setup };
-    let parts = PageParts { page, folder, front, view, records };
+    let front = InterfaceContext { gateway, people, alarms, setup, transfers: RecordTransfers::default() };
+    let parts = PageParts { page, folder, front, view };
     let page = OperatorPage::serve(parts).expect("served").expect("an address");
     let address = page.url.trim_start_matches("http://").trim_end_matches('/').to_owned();
     // Only a person may clear; a request at the socket is treated as a person's request.

@@ -16,12 +16,12 @@ pub use touching::{take_target_picture, tool, touch};
 use super::super::args::Common;
 use super::super::fault::{CalibrationFault, Fault};
 use super::super::flange_pose::FlangePoses;
-use super::super::load::CellFiles;
 use super::super::output::Outcome;
-use super::super::shoot::opening;
 use super::args::{CameraName, HandEye, Intrinsics, MountName};
 use super::{arm_correction, boards, hand_eye, intrinsics};
 use panelprep_devices::cameras::BoardView;
+use panelprep_service::setup::CellFiles;
+use panelprep_service::setup::cameras;
 use panelprep_vision::calib::CalibError;
 use panelprep_vision::calib::hand_eye::MIN_STATIONS;
 use session::{CalibrationCamera, OperatorChoice, Session, report_lens, report_mount};
@@ -38,7 +38,7 @@ pub fn lens(args: &Intrinsics, common: &Common, progress: &(dyn Fn(&str) + Sync)
     let (Some(folder), Some(camera)) = (&args.live.live, args.camera) else {
         return Err(CalibrationFault::NoLiveCamera.into());
     };
-    let cell = CellFiles::read(common)?;
+    let cell = CellFiles::read(&common.paths())?;
     let named = boards::board_from_option(&args.board)?;
     let board = boards::parse_board(&named)?;
     let view = match camera {
@@ -47,8 +47,8 @@ pub fn lens(args: &Intrinsics, common: &Common, progress: &(dyn Fn(&str) + Sync)
     };
     // Only the picture size is used from the old calibration, because the lens is being calibrated again.
     let known = match camera {
-        CameraName::Scanner => opening::lens(cell.scanner())?,
-        CameraName::FlangeCamera => opening::lens(cell.flange_camera())?,
+        CameraName::Scanner => cameras::lens(cell.scanner())?,
+        CameraName::FlangeCamera => cameras::lens(cell.flange_camera())?,
     };
     let mut view = CalibrationCamera::open(&cell, (view, &board), (&args.live, known), progress)?;
     let mut session = Session::new((folder, &args.live), (&board, boards::window(&named)), None)?;
@@ -72,7 +72,7 @@ pub fn lens(args: &Intrinsics, common: &Common, progress: &(dyn Fn(&str) + Sync)
 /// The errors of [`lens`], and if the robot does not execute a motion.
 pub fn mount(args: &HandEye, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fault> {
     let Some(folder) = &args.live.live else { return Err(CalibrationFault::NoLiveCamera.into()) };
-    let cell = CellFiles::read(common)?;
+    let cell = CellFiles::read(&common.paths())?;
     let board = boards::parse_board(&args.board)?;
     let camera = arm_correction::read_intrinsics(&args.intrinsics)?.camera;
     let kind = match args.mount {

@@ -8,7 +8,6 @@
 use super::super::super::fault::{CalibrationFault, Fault};
 use super::super::super::flange_pose::controller_pose;
 use super::super::super::live;
-use super::super::super::load::CellFiles;
 use super::super::super::output::write_progress as tell;
 use super::super::args::HandEye;
 use super::super::boards;
@@ -20,6 +19,7 @@ use panelprep_cell::cell::RobotKind;
 use panelprep_cell::files::ReportedFlange;
 use panelprep_devices::cameras::BoardView;
 use panelprep_service::daemon::{SingleError, SingleRobot};
+use panelprep_service::setup::CellFiles;
 use panelprep_toolpath::path::{Kinematics, reach};
 use panelprep_vision::calib::{Board, BoardObservation, board_pose, detect};
 

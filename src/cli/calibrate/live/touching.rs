@@ -11,7 +11,6 @@ use super::super::{pose_keys, tool as tools, verify};
 use crate::cli::args::{Common, Shot};
 use crate::cli::fault::{CalibrationFault, Fault};
 use crate::cli::flange_pose::FlangePoses;
-use crate::cli::load::CellFiles;
 use crate::cli::output::{Outcome, read_answer_line, write_progress as tell};
 use crate::cli::shoot::{find_free_names, opening};
 use crate::cli::{disk, live};
@@ -19,6 +18,7 @@ use opening::RequestedShot;
 use panelprep_base::geometry::{Base, ColorPicture, Flange, KukaPose, Point};
 use panelprep_base::number_text::fixed_decimals;
 use panelprep_cell::files::{self, ReportedFlange};
+use panelprep_service::setup::CellFiles;
 use std::path::{Path, PathBuf};
 
 /// Minimum number of poses for the first computation of the TCP.
@@ -56,7 +56,7 @@ fn read_pose_answer(poses: &FlangePoses<'_>, may_be_axis: bool) -> Result<PoseAn
 /// # Errors
 /// If writing to the disk fails, or the flange pose is not known; also the errors of the calibration from files.
 pub fn tool((args, folder): (&Tcp, &Path), common: &Common) -> Result<Outcome, Fault> {
-    let cell = CellFiles::read(common)?;
+    let cell = CellFiles::read(&common.paths())?;
     let file = folder.join("poses.toml");
     let mut text = if file.is_file() { disk::read_text(&file)? } else { String::new() };
     let poses = FlangePoses::new(&cell);
@@ -121,7 +121,7 @@ fn report_tip(found: Result<Outcome, Fault>) {
 /// # Errors
 /// The errors of [`tool`].
 pub fn touch((args, folder): (&Touch, &Path), common: &Common) -> Result<Outcome, Fault> {
-    let cell = CellFiles::read(common)?;
+    let cell = CellFiles::read(&common.paths())?;
     let Target { board, base_from_board } = Target::read(&args.target, args.board.board().as_ref())?;
     let flange_from_tool = cell.tool_tip()?.value;
     let poses = FlangePoses::new(&cell);
@@ -162,7 +162,7 @@ pub fn take_target_picture(
     common: &Common,
     progress: &dyn Fn(&str),
 ) -> Result<Outcome, Fault> {
-    let cell = CellFiles::read(common)?;
+    let cell = CellFiles::read(&common.paths())?;
     let (image, flange) = match args.camera {
         CameraName::Scanner => (scanner(args, (&cell, folder), progress)?, None),
         CameraName::FlangeCamera => {
@@ -181,13 +181,15 @@ fn scanner(args: &Verify, (cell, folder): (&CellFiles, &Path), progress: &dyn Fn
         let file = find_free_names(folder, "verify_scanner", &["png"]).remove(0);
         let world = live::simulated_cell(&cell.scanner()?.value, args.simulation)?;
         let picture = files::write_gray_png(&world.scanner_target().picture).map_err(Fault::stage)?;
-        return disk::write(&file, picture).map(|()| file);
+        disk::write(&file, picture)?;
+        return Ok(file);
     }
     let file = find_free_names(folder, "verify_scanner", &["pcd"]).remove(0);
     let wanted = RequestedShot { shot: Shot::Scan, simulation: args.simulation };
     let mut opened = opening::scanner(cell, &wanted, progress)?;
     let shot = opened.camera.capture_3d().map_err(Fault::stage)?;
-    disk::write(&file, files::write_pcd(&shot.cloud)).map(|()| file)
+    disk::write(&file, files::write_pcd(&shot.cloud))?;
+    Ok(file)
 }
 
 /// Captures a picture with the flange camera, and reads the flange pose of the picture.

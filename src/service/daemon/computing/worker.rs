@@ -8,7 +8,7 @@ use crate::daemon::films::{self, BeginFilm};
 use crate::daemon::live_view::{LiveFilm, LiveFrame, LiveView};
 use crate::daemon::perception::{FilmInProgress, Perception};
 use crate::daemon::ports::{CameraPort, Note, PictureStore, Record, RecordError, StoredPicture};
-use crate::daemon::setup::CycleSetup;
+use crate::setup::CycleSetup;
 use panelprep_base::geometry::{Camera, Frame, KukaPose, OrganizedCloud, Panel, Rigid};
 use panelprep_base::verdict::Reason;
 use panelprep_cell::cycle::{Action, Answer, Grade, Id, Trouble};

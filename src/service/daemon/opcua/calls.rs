@@ -4,13 +4,15 @@
 
 use super::access::{Access, Caller};
 use crate::daemon::alarms::AlarmId;
-use crate::daemon::clock::now_unix_ms;
 use crate::daemon::gateway::InterfaceContext;
-use crate::daemon::request::{PartNames, RecipeTextPermission, Reply, RequestKind, RequestResult, StartRequest};
+use crate::daemon::request::{Reply, RequestKind, RequestResult};
+use crate::setup::clock::now_unix_ms;
+use crate::setup::{RecipeTextPermission, StartRequest};
 use opcua::types::{StatusCode, Variant};
 use panelprep_base::verdict::Reason;
 use panelprep_cell::accounts::AuditEntry;
 use panelprep_cell::cycle::Request;
+use panelprep_cell::record::PartNames;
 use panelprep_cell::record::{CycleId, RequestAuthor, RequestSource, RequestedAction};
 use panelprep_interfaces::packml::{Command, LastRefusal, Method};
 use std::collections::BTreeMap;

@@ -8,7 +8,7 @@
 //! the method Acknowledge, because otherwise async-opcua does not allow a client to call it.
 
 use super::address_space::{node_id, time};
-use crate::daemon::clock::now_unix_ms;
+use crate::setup::clock::now_unix_ms;
 use opcua::nodes::Event;
 use opcua::server::SubscriptionCache;
 use opcua::types::event_field::EventField;

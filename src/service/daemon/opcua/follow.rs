@@ -11,10 +11,10 @@ use super::certificates::{RejectedFiles, TrustedFiles};
 use super::conditions::AlarmConditions;
 use super::connection_limit::ConnectionLimiter;
 use super::nodes::{CellNodes, CoreNodes};
-use crate::daemon::clock::now_unix_ms;
 use crate::daemon::gateway::{Gateway, InterfaceContext};
 use crate::daemon::request::{Reply, RequestKind};
-use crate::daemon::sources::recipe_hashes;
+use crate::setup::EquipmentList;
+use crate::setup::clock::now_unix_ms;
 use opcua::server::node_manager::memory::InMemoryNodeManager;
 use opcua::server::{ServerHandle, SubscriptionCache};
 use opcua::types::NodeId;
@@ -285,15 +285,15 @@ impl StoreReader {
 
     fn read_files(&self, now: &mut StoreValues) {
         match self.front.setup.list_equipment() {
-            Ok((verdict, reasons, equipment)) => {
+            Ok(EquipmentList { verdict, reasons, items }) => {
                 now.may_start = Some(verdict != Verdict::Reject);
                 now.calibration_reasons = reasons;
                 now.calibrations =
-                    equipment.into_iter().map(|one| format!("{}: {}", one.name, one.calibration)).collect();
+                    items.into_iter().map(|one| format!("{}: {}", one.name, one.calibration)).collect();
             }
             Err(problem) => (now.may_start, now.calibration_reasons) = (Some(false), vec![problem]),
         }
-        now.recipes = recipe_hashes(&*self.front.setup).unwrap_or_default();
+        now.recipes = self.front.setup.recipe_hashes().unwrap_or_default();
     }
 
     /// Adds the connections and certificates that were rejected since the last call to the audit trail.

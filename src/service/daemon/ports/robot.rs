@@ -5,9 +5,11 @@
 use super::port::{Command as PortCommand, Port};
 use panelprep_base::geometry::Joints;
 use panelprep_base::supervision::{ThreadFault, WatchedThread};
+use panelprep_cell::cell::Cell;
 use panelprep_cell::force::ForceSetPoint;
 use panelprep_devices::acf::{ConnectedTool, ToolReport};
-use panelprep_devices::robot::{BlockingLink, LineOutputs, StopLine};
+use panelprep_devices::robot::{Address, BlockingLink, LineOutputs, StartError, StopLine, link_limits};
+use panelprep_devices::world::Follower;
 use panelprep_kuka::eki;
 use panelprep_kuka::eki::{ClockMode, Command, CommandId, Epoch, MoveLin, QueueError, Report, Time};
 use serde::Serialize;
@@ -132,7 +134,16 @@ impl LinkedRobot {
         }
     }
 
-    /// Returns the handle with which other threads read the last state of the robot.
+    /// Starts the link to the controller that the cell's file names, in real time; it connects on its own.
+    ///
+    /// # Errors
+    /// If the system provides no thread.
+    pub fn start(cell: &Cell) -> Result<Self, StartError> {
+        let link = BlockingLink::start(Address::from(cell.robot()), link_limits(cell), ClockMode::Wall)?;
+        Ok(LinkedRobot::new(link, ClockMode::Wall))
+    }
+
+    /// Returns the handle that other threads use to read the robot's last state.
     pub fn last_state(&self) -> LastState {
         self.last.clone()
     }

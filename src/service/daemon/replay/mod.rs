@@ -16,5 +16,5 @@ mod tests;
 
 pub use form::RecordedPort;
 pub use player::{Difference, Player, ReplayResult};
-pub use queue::{MIN_FREE_SPACE_FOR_RECORDING_MB, Recording, RecordingResult, RecordingStatus, disk_full_message};
-pub use switch::{RecordingPlan, RecordingSwitch, free_mb, recording_file, recordings};
+pub use queue::Recording;
+pub use switch::RecordingSwitch;

@@ -6,10 +6,9 @@
 //! recording ends.
 
 use super::super::computing::NICE;
-use super::super::recording::MIN_FREE_SPACE_MB;
+use crate::setup::{RECORDING_FLOOR_MB, RecordingResult, RecordingStatus, disk_full_message};
 use panelprep_base::supervision::SupervisedThread;
 use panelprep_store::tape::{Entry, LostEntries, RecordingEnd, Shot, TapeError, Topic, Writer};
-use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::collections::VecDeque;
 use std::io::Write;
@@ -17,10 +16,7 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// Minimum free disk space for a recording, MB: twice the space that the service needs to begin a cycle.
-pub const MIN_FREE_SPACE_FOR_RECORDING_MB: u64 = 2 * MIN_FREE_SPACE_MB;
-
-/// Maximum size of the pictures and points that wait to be compressed, bytes: some seconds of film at full size.
+/// Largest amount of pictures and points that wait to be compressed, bytes: some seconds of film at full size.
 const MAX_QUEUED_BYTES: usize = 256 << 20;
 /// Approximate size of a number, a word, a list or an object in an entry, bytes.
 const VALUE_BYTES: usize = 100;
@@ -92,46 +88,6 @@ pub struct Recording {
     file: String,
     recorder: Recorder,
     thread: JoinHandle<()>,
-}
-
-/// The status of a recording.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct RecordingResult {
-    /// The file.
-    pub file: String,
-    /// Whether the recording can be replayed.
-    pub is: RecordingStatus,
-    /// Number of entries in the recording.
-    pub entries: u64,
-    /// The status in words for people.
-    pub message: String,
-}
-
-/// Whether a recording can be replayed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum RecordingStatus {
-    /// The recording is being written.
-    UnderWay,
-    /// The recording is complete.
-    Whole,
-    /// The recording is not complete.
-    NotWhole,
-}
-
-impl RecordingResult {
-    /// Returns the status of a recording that can be replayed.
-    pub fn complete_recording(file: String, entries: u64) -> Self {
-        let message = format!("recorded in {file}, {entries} entries");
-        RecordingResult { file, is: RecordingStatus::Whole, entries, message }
-    }
-
-    /// Returns the status of a recording that cannot be replayed, for this reason; its number of entries is not known.
-    pub fn incomplete_recording(file: String, why: &str) -> Self {
-        let message = format!("{file} cannot be replayed: {why}");
-        RecordingResult { file, is: RecordingStatus::NotWhole, entries: 0, message }
-    }
 }
 
 impl Recording {
@@ -400,13 +356,6 @@ fn value_size(value: &Value) -> usize {
             Value::Object(values) => values.iter().map(|(key, value)| key.len() + value_size(value)).sum(),
             _ => 0,
         }
-}
-
-/// Describes why no recording is made on a disk with this free space.
-pub fn disk_full_message(free_mb: u64) -> String {
-    format!(
-        "the disk of the recording has {free_mb} MB of free space (minimum {MIN_FREE_SPACE_FOR_RECORDING_MB} MB); delete files"
-    )
 }
 
 fn disk(error: std::io::Error) -> TapeError {

@@ -5,37 +5,25 @@
 //! begins with the data that the loop keeps from before the cycle. All slow work (the file, its beginning, each entry)
 //! is done by the recording's own thread.
 
-use super::super::Calibrations;
-use super::queue::{FreeSpace, QueueBounds, Recorder, Recording, RecordingResult};
+use super::queue::{FreeSpace, QueueBounds, Recorder, Recording};
+use crate::setup::clock::now_unix_ns;
+use crate::setup::{Calibrations, RecordingPlan, RecordingResult, free_mb, recording_file};
 use panelprep_base::geometry::KukaPose;
 use panelprep_base::supervision::{SupervisedThread, Supervisor, supervise};
 use panelprep_cell::cycle::{Request, State};
 use panelprep_cell::record::CycleId;
-use panelprep_store::store;
 use panelprep_store::tape::{Entry, FramePose, Lens, LoopMemoryStart, RecordingStart, TapeError, Topic, Writer};
 use serde_json::{Value, json};
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::Duration;
 
 /// Maximum time between two heartbeats of the writing thread; compressing a picture takes less.
 const HEARTBEAT_TIMEOUT: Duration = Duration::from_secs(20);
 
-/// The data with which a recording begins, and its file.
-#[derive(Debug, Clone)]
-pub struct RecordingPlan {
-    /// The path of a new file; `None` if the store names the file by the cycle's number.
-    pub file: Option<PathBuf>,
-    /// The files that the cycle uses, with their names in the recording.
-    pub files: Vec<(String, Vec<u8>)>,
-    /// The calibrations.
-    pub calibrations: Calibrations,
-}
-
-/// The switch that decides whether the commands and answers of the ports are recorded now. Clones share the same
-/// switch.
+/// The switch that decides whether the traffic of the ports is recorded now. All clones share the same switch.
 #[derive(Debug, Clone)]
 pub struct RecordingSwitch(Arc<Mutex<Inside>>);
 
@@ -57,16 +45,6 @@ struct Inside {
     last: Option<(String, Recorder)>,
     /// The supervisor of the writing threads.
     supervisor: Supervisor,
-}
-
-/// Returns the folder of the recordings of a store.
-pub fn recordings(store: &Path) -> PathBuf {
-    store.join("recordings")
-}
-
-/// Returns the default file for the recording of a cycle.
-pub fn recording_file(store: &Path, cycle: CycleId) -> PathBuf {
-    recordings(store).join(format!("cycle-{:06}.mcap", cycle.0))
 }
 
 impl RecordingSwitch {
@@ -186,7 +164,7 @@ impl Inside {
         let RecordingPlan { files, calibrations, .. } = to;
         let start = RecordingStart {
             program: env!("CARGO_PKG_VERSION").to_owned(),
-            unix_ns: unix_ns(),
+            unix_ns: now_unix_ns(),
             state,
             lock_step: self.lock_step,
             begin,
@@ -273,19 +251,4 @@ fn camera_lenses(values: &Calibrations) -> [Lens; 2] {
 fn free_space_reader(file: &Path) -> FreeSpace {
     let file = file.to_owned();
     Box::new(move || free_mb(&file))
-}
-
-/// Returns the free space on the disk of this file, which need not exist yet, MB.
-///
-/// # Errors
-/// If the disk cannot be queried.
-pub fn free_mb(file: &Path) -> io::Result<u64> {
-    let there = std::path::absolute(file)?;
-    store::free_mb(there.ancestors().find(|path| path.exists()).unwrap_or(Path::new("/")))
-}
-
-/// Returns the wall-clock time, ns since 1970; 0 if the clock is set to a time before 1970.
-fn unix_ns() -> u64 {
-    let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-    u64::try_from(since.as_nanos()).unwrap_or_default()
 }

@@ -3,10 +3,10 @@
 //! the requests of a host to the cell, and adds entries to the audit trail for requests that did not reach the cell.
 
 use crate::daemon::alarms::Alarms;
-use crate::daemon::clock::now_unix_ms;
 use crate::daemon::gateway::Gateway;
 use crate::daemon::people::AccountService;
 use crate::daemon::request::RequestKind;
+use crate::setup::clock::now_unix_ms;
 use panelprep_base::trust;
 use panelprep_base::trust::TrustError;
 use panelprep_cell::accounts::{AuditEntry, Role};

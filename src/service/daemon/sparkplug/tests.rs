@@ -7,6 +7,7 @@ use crate::daemon::alarms::Alarms;
 use crate::daemon::gateway::Gateway;
 use crate::daemon::people::AccountService;
 use crate::daemon::request_queue::{RequestQueue, request_queue};
+use panelprep_base::verdict::Reason;
 use panelprep_cell::cell::{NodeCommands, SparkplugNode};
 use panelprep_interfaces::sparkplug::{CellIds, CellView, EdgeNode, Metric, NodeSetup, Payload, WireType};
 use prost::Message as _;
@@ -48,7 +49,7 @@ impl Edge {
         };
         let folder = tempfile::tempdir().expect("a folder");
         let (sender, queue) = request_queue();
-        let gateway = Gateway::new(sender, Arc::new(|_| Err(vec![])), None);
+        let gateway = Gateway::without_cell(sender, Reason::new("bad_input", "no cell here"));
         let people = Arc::new(AccountService::new(folder.path().to_owned()));
         let alarms = Arc::new(Alarms::new(people.clone()));
         let asking = HostRequests { gateway, people, origin: "a broker".to_owned() };

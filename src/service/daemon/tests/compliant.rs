@@ -3,6 +3,7 @@
 
 use super::fake::{Asks, AtContact, Cell as Fake};
 use super::*;
+use crate::setup::{CellSetup, CycleSetup};
 use panelprep_cell::cycle::{Hold, Trouble};
 use panelprep_devices::acf::ToolFault;
 use std::collections::BTreeMap;

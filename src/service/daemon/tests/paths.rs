@@ -2,6 +2,7 @@
 //! from the actual axis positions, feed and rounding as planned, the executed path, and the disc.
 
 use super::*;
+use crate::setup::CycleSetup;
 use panelprep_base::geometry::{Base, Flange, Joints, Panel, Rigid, Tool};
 use panelprep_cell::cell::CorrectionNumbers;
 use panelprep_toolpath::path::approach::Approach;

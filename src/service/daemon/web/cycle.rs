@@ -12,7 +12,7 @@ use super::run_page;
 use super::sessions::{Person, Visitor};
 use super::state::{Web, entry, hashing, lock_text};
 use crate::daemon::people::{LoginResult, account_stamp};
-use crate::daemon::sources::RecordPdf;
+use crate::setup::{RecordPdf, cycle_html, cycle_pdf, sign_by_person};
 use axum::extract::{Path, State};
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
@@ -141,7 +141,8 @@ pub(super) async fn record(
     Path(number): Path<String>,
 ) -> Answer {
     let id = existing_cycle(&web, &visitor, &number).await?;
-    let html = with_store(&visitor, move || web.records.page(id)).await?;
+    let html =
+        with_store(&visitor, move || cycle_html(&web.front.setup, id).map_err(|fault| fault.to_string())).await?;
     let headers = [
         (header::CONTENT_TYPE, "text/html; charset=utf-8"),
         (header::CONTENT_SECURITY_POLICY, POLICY),
@@ -158,7 +159,9 @@ pub(super) async fn pdf(
 ) -> Answer {
     let id = existing_cycle(&web, &visitor, &number).await?;
     let unsigned = visitor.language().text("cycle.unsigned");
-    let Some(RecordPdf { pdf, .. }) = with_store(&visitor, move || web.records.pdf(id)).await? else {
+    let Some(RecordPdf { pdf, .. }) =
+        with_store(&visitor, move || cycle_pdf(&web.front.setup, id).map_err(|fault| fault.to_string())).await?
+    else {
         return Err(refusal(StatusCode::NOT_FOUND, "not_signed", unsigned));
     };
     let name = format!("attachment; filename=\"cycle-{id}.pdf\"");
@@ -289,7 +292,8 @@ fn sign_record(web: &Web, signs: PersonSigningRequest, person: &Person, password
             refused("the account was changed since the log-in; log in again; the record is not signed")
         }
         LoginResult::Right(Account { name: user, printed_name: name, .. }) => {
-            web.records.sign(&PersonSigningRequest { user, name, ..signs }).map_err(NotSigned::Problem)
+            let signed = sign_by_person(&web.front.setup, &PersonSigningRequest { user, name, ..signs });
+            signed.map(|row| row.number).map_err(|fault| NotSigned::Problem(fault.to_string()))
         }
         LoginResult::Pauses(left_s) => Err(NotSigned::Pauses(left_s)),
         LoginResult::Wrong(_) | LoginResult::Unknown => refused("the password is wrong; the record is not signed"),

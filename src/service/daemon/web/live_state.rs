@@ -1,10 +1,10 @@
 //! Live data for people: the state of the cell as a page shows it, and the newest picture, which is drawn, reduced and
 //! encoded once for all viewers.
 
-use crate::daemon::clock::now_unix_ms;
 use crate::daemon::live_view::{LiveFrame, LiveScene, LiveView};
 use crate::daemon::request::{PageData, Reply};
 use crate::report::canvas::resize_to_width;
+use crate::setup::clock::now_unix_ms;
 use panelprep_base::verdict::{Reason, Verdict};
 use panelprep_cell::files;
 use serde::Serialize;

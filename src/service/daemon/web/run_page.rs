@@ -16,7 +16,6 @@ use super::state::{Web, connection_owner, run_blocking};
 use crate::daemon::gateway::Gateway;
 use crate::daemon::live_view::ScenePath;
 use crate::daemon::request::RequestKind;
-use crate::daemon::sources::recipe_hashes;
 use crate::report::check_row;
 use axum::extract::{ConnectInfo, Path, State};
 use axum::http::{StatusCode, header};
@@ -48,9 +47,9 @@ const PHASES: [&str; 11] =
 /// Returns the page.
 pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): VisitorExtension) -> Response {
     let source = web.front.setup.clone();
-    let rules = source.part_rules();
+    let rules = source.cell.part().clone();
     let recipes = match visitor.has_permission(Permission::Operate) {
-        true => run_blocking(move || recipe_hashes(&*source)).await.unwrap_or_else(|| Ok(vec![])),
+        true => run_blocking(move || source.recipe_hashes()).await.unwrap_or_else(|| Ok(vec![])),
         false => Ok(vec![]),
     };
     let words = visitor.language();

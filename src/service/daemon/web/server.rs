@@ -14,7 +14,6 @@ use crate::daemon::background::lower_priority;
 use crate::daemon::gateway::InterfaceContext;
 use crate::daemon::live_view::LiveView;
 use crate::daemon::slots::ActivityHandle;
-use crate::daemon::sources::RecordSource;
 use axum::Router;
 use axum::body::{Body, HttpBody};
 use axum::extract::{ConnectInfo, Request};
@@ -110,8 +109,6 @@ pub struct PageParts {
     pub front: InterfaceContext,
     /// The live view of the cameras.
     pub view: LiveView,
-    /// The source of the pages of cycles and of their signatures.
-    pub records: Arc<dyn RecordSource>,
 }
 
 /// The running operator's page; dropping this value ends it.
@@ -132,7 +129,7 @@ impl OperatorPage {
     /// # Errors
     /// If the certificate or the translation table cannot be used, or the operating system cannot start a thread.
     pub fn serve(parts: PageParts) -> Result<Option<Self>, PageError> {
-        let PageParts { page, folder, front, view, records } = parts;
+        let PageParts { page, folder, front, view } = parts;
         let gateway = front.gateway.clone();
         let Some(address) = page.listen else { return Ok(None) };
         let words = load_translations(&page)?;
@@ -165,7 +162,6 @@ impl OperatorPage {
             live,
             frames: frames.clone(),
             translations: words,
-            records,
             is_tls,
             hosts,
             idle_min,

@@ -11,9 +11,10 @@ use super::layout::{Frame, Script, local_time};
 use super::page_texts::Language;
 use super::state::{Web, entry, run_blocking};
 use super::versions;
-use super::versions::show_difference;
-use crate::daemon::clock::now_unix_ms;
-use crate::daemon::sources::{ExaminedItem, SetupSource};
+use super::versions::difference;
+use crate::daemon::examination::{ExaminationOptions, ExaminedItem, examine_cell};
+use crate::setup::clock::now_unix_ms;
+use crate::setup::{CellFiles, EquipmentList, recipe_problems};
 use axum::extract::{Path, Query, State};
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
@@ -57,12 +58,12 @@ pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): Visito
         section.card {
             h2 { (word("setup.equipment")) }
             @match equipment {
-                Ok((verdict, reasons, equipment)) => {
+                Ok(EquipmentList { verdict, reasons, items }) => {
                     p { (word(if verdict == Verdict::Reject { "setup.may_not_start" } else { "setup.may_start" })) }
                     ul { @for reason in &reasons { li { (reason) } } }
                     div.scroll tabindex="0" { table {
                         thead { tr { th { (word("setup.what")) } th { (word("setup.calibration")) } th { (word("setup.verification")) } } }
-                        tbody { @for one in &equipment { tr { td { (one.name) } td { (one.calibration) } td { (one.verification) } } } }
+                        tbody { @for one in &items { tr { td { (one.name) } td { (one.calibration) } td { (one.verification) } } } }
                     } }
                 }
                 Err(problem) => p.told.bad { (problem) },
@@ -79,12 +80,12 @@ pub(super) async fn recipe(
     Path(name): Path<String>,
     Query(OfferQuery { offer: taken }): Query<OfferQuery>,
 ) -> Answer {
-    let (source, asked) = (web.front.setup.clone(), name.clone());
+    let (front, asked) = (web.front.clone(), name.clone());
     let read = run_blocking(move || {
-        let recipe = source.recipe(&asked)?;
-        let problems = source.problems(&asked, &recipe.text);
-        let not_taught = source.not_taught(&asked, &recipe.text);
-        let offer = source.recipe_offer(&asked)?;
+        let recipe = front.setup.recipe(&asked)?;
+        let problems = recipe_problems(&asked, &recipe.text);
+        let not_taught = front.setup.not_taught(&asked, &recipe.text);
+        let offer = front.recipe_offer(&asked)?;
         Ok::<_, String>((recipe, (problems, not_taught), offer))
     });
     let (recipe, (problems, not_taught), offer) = match read.await {
@@ -175,7 +176,7 @@ pub(super) async fn check_text(
 ) -> Response {
     let source = web.front.setup.clone();
     let name = "recipe.toml";
-    match run_blocking(move || (source.problems(name, &text), source.not_taught(name, &text))).await {
+    match run_blocking(move || (recipe_problems(name, &text), source.not_taught(name, &text))).await {
         Some((problems, not_taught)) if problems.is_empty() => {
             let words = visitor.language();
             let missing = not_taught.map(|why| format!("\n{} {why}", words.text("setup.not_taught")));
@@ -234,7 +235,7 @@ fn store_recipe(
         if !read.is_empty() && content_hash(now.text.as_bytes()) != read {
             return Err(changed.to_owned());
         }
-        let problems = setup.problems(name, &text);
+        let problems = recipe_problems(name, &text);
         if problems.is_empty() { Ok(now.text) } else { Err(problems.join("\n")) }
     });
     let refused = |problem: String| {
@@ -249,7 +250,7 @@ fn store_recipe(
             "the audit trail cannot be written, so the recipe was not saved: {error}; save the recipe again later"
         )
     })?;
-    setup.save(name, &text).map_err(refused)?;
+    setup.save_recipe(name, &text).map_err(refused)?;
     Ok(removed_um)
 }
 
@@ -257,7 +258,10 @@ fn store_recipe(
 pub(super) async fn doctor_page(State(web): State<Arc<Web>>, Extension(visitor): VisitorExtension) -> Answer {
     let Ok(_turn) = web.examining.acquire().await else { return Err(panic_response()) };
     let source = web.front.setup.clone();
-    let Some(examined) = run_blocking(move || source.examine_cell()).await else { return Err(panic_response()) };
+    let Some(examined) = run_blocking(move || examine_cell(&ExaminationOptions::default(), source.paths())).await
+    else {
+        return Err(panic_response());
+    };
     let words = visitor.language();
     let title = words.text("doctor.title");
     let frame = Frame { visitor: &visitor, title, here: "/setup", scripts: &[] };
@@ -267,7 +271,7 @@ pub(super) async fn doctor_page(State(web): State<Arc<Web>>, Extension(visitor):
 /// Shows the items with problems first, then the others, each group from the bottom up.
 fn doctor_body(words: Language<'_>, examined: &[ExaminedItem]) -> Markup {
     let word = |key| words.text(key);
-    let (right, wrong): (Vec<&ExaminedItem>, Vec<&ExaminedItem>) = examined.iter().partition(|one| one.is_right);
+    let (right, wrong): (Vec<&ExaminedItem>, Vec<&ExaminedItem>) = examined.iter().partition(|one| one.is_passed());
     html! {
         section.card {
             h2 { (word("doctor.title")) }
@@ -292,10 +296,10 @@ fn doctor_body(words: Language<'_>, examined: &[ExaminedItem]) -> Markup {
 /// Performs work with the recipes that may wait for a disk; an error becomes the response.
 async fn with_recipes<T: Send + 'static>(
     web: &Web,
-    work: impl FnOnce(&dyn SetupSource) -> Result<T, String> + Send + 'static,
+    work: impl FnOnce(&CellFiles) -> Result<T, String> + Send + 'static,
 ) -> Result<T, Response> {
     let source = web.front.setup.clone();
-    match run_blocking(move || work(&*source)).await {
+    match run_blocking(move || work(&source)).await {
         Some(Ok(done)) => Ok(done),
         Some(Err(problem)) => Err(refusal(StatusCode::UNPROCESSABLE_ENTITY, "recipe", &problem)),
         None => Err(panic_response()),
@@ -383,7 +387,7 @@ pub(super) async fn propose(
         let size_px = [picture.width, picture.height];
         let after = canvas::recipe_with_shapes((&name, &before), size_px, &drawn)
             .map_err(|problems| problems.join("\n"))?;
-        match source.problems(&name, &after) {
+        match recipe_problems(&name, &after) {
             problems if problems.is_empty() => Ok((before, after)),
             problems => Err(problems.join("\n")),
         }
@@ -448,13 +452,9 @@ mod tests {
 
     #[test]
     fn problems_are_shown_first_with_their_remedy() {
-        let one = |name: &str, is_right, advice: &str| ExaminedItem {
-            name: name.to_owned(),
-            is_right,
-            found: format!("{name} <found>"),
-            advice: advice.to_owned(),
-        };
-        let examined = [one("disk", true, ""), one("robot", false, "look at its cable"), one("clock", true, "")];
+        let right = |name: &str| ExaminedItem::passed(name, format!("{name} <found>"));
+        let robot = ExaminedItem::failed("robot", "robot <found>", "look at its cable");
+        let examined = [right("disk"), robot, right("clock")];
         let words = Translations::read(None).expect("the program's own");
         let page = doctor_body(words.language(Some("en"), None), &examined).into_string();
         let at = |text: &str| page.find(text).unwrap_or_else(|| panic!("{text} is missing: {page}"));

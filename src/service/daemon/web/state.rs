@@ -11,7 +11,6 @@ use super::sessions::{AccountStamps, Sessions, Visitor};
 use crate::daemon::gateway::InterfaceContext;
 use crate::daemon::live_view::LiveScene;
 use crate::daemon::slots::{MaxConnections, Slots};
-use crate::daemon::sources::RecordSource;
 use panelprep_cell::accounts::{AuditEntry, LineLimit, MaxLinesPerMinute};
 use panelprep_devices::cameras::{Conditions, PictureQuality};
 use panelprep_store::store::{Store, StoreError};
@@ -27,7 +26,6 @@ pub(super) struct Web {
     pub frames: Arc<FrameEncoder>,
     pub scene: LiveScene,
     pub translations: Arc<Translations>,
-    pub records: Arc<dyn RecordSource>,
     /// Whether the page uses TLS.
     pub is_tls: bool,
     /// The host names that a page without TLS accepts in requests.
@@ -52,7 +50,6 @@ pub(super) struct WebParts {
     pub live: watch::Receiver<Arc<LiveState>>,
     pub frames: Arc<FrameEncoder>,
     pub translations: Translations,
-    pub records: Arc<dyn RecordSource>,
     pub is_tls: bool,
     pub hosts: Option<[String; 2]>,
     pub idle_min: usize,
@@ -68,7 +65,6 @@ impl Web {
             scene: parts.frames.scene(),
             frames: parts.frames,
             translations: Arc::new(parts.translations),
-            records: parts.records,
             is_tls: parts.is_tls,
             hosts: parts.hosts,
             examining: Semaphore::new(1),

@@ -13,20 +13,21 @@ use crate::daemon::alarms::Alarms;
 use crate::daemon::gateway::{Gateway, InterfaceContext};
 use crate::daemon::live_view::LiveView;
 use crate::daemon::people::AccountService;
-use crate::daemon::request::{Reply, Request as CellRequest, RequestResult, StartRequest};
+use crate::daemon::request::{Reply, Request as CellRequest, RequestResult};
 use crate::daemon::request_queue::request_queue;
-use crate::daemon::sources::{Equipment, ExaminedItem, RecipeText, RecordPdf, RecordSource, SetupSource};
+use crate::daemon::transfer::RecordTransfers;
+use crate::setup::CellFiles;
+use crate::setup::testing::write_cell;
 use axum::Router;
 use axum::body::{Body, to_bytes};
 use axum::extract::ConnectInfo;
 use axum::http::{HeaderMap, Request, StatusCode};
-use panelprep_base::geometry::ColorPicture;
-use panelprep_base::verdict::{Reason, Verdict};
+use panelprep_base::geometry::{Camera, OrganizedCloud};
+use panelprep_base::verdict::Reason;
 use panelprep_cell::accounts;
 use panelprep_cell::accounts::{Account, AuditEntry, Role};
-use panelprep_cell::record::CycleId;
-use panelprep_store::office::RecipeOffer;
-use panelprep_store::store::{PersonSigningRequest, Store};
+use panelprep_cell::files;
+use panelprep_store::store::{Store, TeachingInputs};
 use std::net::SocketAddr;
 use std::sync::{Arc, LazyLock, Mutex};
 use std::thread;
@@ -44,87 +45,22 @@ static HASH: LazyLock<String> =
 pub(super) const DOOR: &str = "panel = \"door\" # the left one\n\n[locate]\nbox_min_mm = [0, 0, 0]\nbox_max_mm = [900, 900, 900]\n\n\
                                [region]\ncorners_px = [[10, 10], [90, 10], [90, 60], [10, 60]]\nrows = 2\ncolumns = 3\n";
 
-/// A source of recipes, one of which can be changed.
-#[derive(Default)]
-struct Source {
-    door: Mutex<Option<String>>,
-}
+/// A recipe with a name that must not become a script.
+const PANEL: &str = "panel = \"<b>p</b>\"";
 
-impl SetupSource for Source {
-    fn recipes(&self) -> Result<Vec<String>, String> {
-        Ok(vec!["panel.toml".to_owned()])
-    }
-
-    fn recipe(&self, name: &str) -> Result<RecipeText, String> {
-        match name {
-            "door.toml" => {
-                let text = self.door.lock().expect("whole").clone().unwrap_or_else(|| DOOR.to_owned());
-                Ok(RecipeText { name: name.to_owned(), text })
-            }
-            "panel.toml" => Ok(RecipeText { name: name.to_owned(), text: "panel = \"<b>p</b>\"".to_owned() }),
-            _ => Err(format!("there is no recipe {name}")),
-        }
-    }
-
-    fn recipe_offer(&self, name: &str) -> Result<Option<RecipeOffer>, String> {
-        let of_door =
-            || RecipeOffer::new("door", &DOOR.replace("rows = 2", "rows = 3"), ("Anna <b>", "finer film"), 1_000);
-        Ok((name == "door.toml").then(|| of_door().expect("an offer")))
-    }
-
-    fn problems(&self, _: &str, text: &str) -> Vec<String> {
-        if text.contains("wrong") { vec!["line 1: wrong".to_owned()] } else { vec![] }
-    }
-
-    fn not_taught(&self, _: &str, text: &str) -> Option<String> {
-        text.contains("rows = 4").then(|| "taught with another [region]".to_owned())
-    }
-
-    fn save(&self, name: &str, text: &str) -> Result<Option<String>, String> {
-        self.recipe(name)?;
-        if let Some(problem) = self.problems(name, text).pop() {
-            return Err(problem);
-        }
-        // Simulates the time that a disk needs.
-        thread::sleep(Duration::from_millis(50));
-        *self.door.lock().expect("whole") = Some(text.to_owned());
-        Ok(Some("before".to_owned()))
-    }
-
-    fn taught_picture(&self, name: &str) -> Result<ColorPicture, String> {
-        self.recipe(name).map(|_| ColorPicture::uniform(100, 80, [9, 9, 9]))
-    }
-
-    fn cycle_obstacles(&self) -> Vec<Reason> {
-        vec![Reason::new("disk_scarce", "5 MB are free")]
-    }
-
-    fn examine_cell(&self) -> Vec<ExaminedItem> {
-        let of = |name: &str, is_right| ExaminedItem {
-            name: name.to_owned(),
-            is_right,
-            found: "found".to_owned(),
-            advice: String::new(),
-        };
-        vec![of("disk", true), of("robot", false)]
-    }
-
-    fn list_equipment(&self) -> Result<(Verdict, Vec<String>, Vec<Equipment>), String> {
-        Ok((Verdict::Accept, vec![], vec![]))
-    }
-}
-
-impl RecordSource for Source {
-    fn page(&self, _: CycleId) -> Result<String, String> {
-        Ok("<!DOCTYPE html>".to_owned())
-    }
-
-    fn pdf(&self, _: CycleId) -> Result<Option<RecordPdf>, String> {
-        Ok(None)
-    }
-
-    fn sign(&self, _: &PersonSigningRequest) -> Result<u64, String> {
-        Ok(1)
+/// The teaching of the door: a scan of 100×80 pixels.
+fn door_teaching() -> TeachingInputs {
+    let points = vec![[0.0, 0.0, 1_000.0]; 100 * 80];
+    let scan = OrganizedCloud::<Camera>::new(100, 80, points, vec![[9; 3]; 100 * 80]).expect("a cloud");
+    TeachingInputs {
+        name: "door".to_owned(),
+        scan: files::write_pcd(&scan),
+        recipe_text: DOOR.to_owned(),
+        scanner_calibration_text: String::new(),
+        base_from_camera_text: String::new(),
+        corners: vec![],
+        flange_camera_text: String::new(),
+        flange_from_camera_text: String::new(),
     }
 }
 
@@ -135,6 +71,8 @@ pub(super) struct PageFixture {
     gateway: Gateway,
     pub asked: Arc<Mutex<Vec<String>>>,
     pub folder: TempDir,
+    pub setup: Arc<CellFiles>,
+    pub transfers: RecordTransfers,
 }
 
 /// A complete response.
@@ -164,8 +102,10 @@ pub(super) struct Browser {
 impl PageFixture {
     pub fn new() -> Self {
         let folder = tempfile::tempdir().expect("a folder");
-        let store = Store::create(&folder.path().join("store")).expect("a store");
+        let mut store = Store::create(&folder.path().join("store")).expect("a store");
+        store.teach(&door_teaching()).expect("taught");
         drop(store);
+        let setup = write_cell(folder.path(), "", &[("door.toml", DOOR), ("panel.toml", PANEL)]);
         let folder_of_store = folder.path().join("store");
         let mut store = Store::open_for_accounts(&folder_of_store).expect("open");
         let entry = AuditEntry::for_completed_action(None, None, "terminal".to_owned(), "change account");
@@ -194,25 +134,22 @@ impl PageFixture {
                 }
             }
         });
-        let loader = Arc::new(|start: StartRequest| {
-            let message = format!("no cell here; stated clear: {}", start.is_stated_clear);
-            Err(vec![Reason::new("bad_input", message)])
-        });
         let (_, live) = tokio::sync::watch::channel(Arc::new(LiveState::default()));
-        let gateway = Gateway::new(sender, loader, None);
+        let gateway = Gateway::without_cell(sender, Reason::new("bad_input", "no cell here"));
         let people = Arc::new(AccountService::new(folder_of_store));
         let alarms = Arc::new(Alarms::new(people.clone()));
+        let transfers = RecordTransfers::default();
         let web = Arc::new(Web::new(WebParts {
             front: InterfaceContext {
                 gateway: gateway.clone(),
                 people,
                 alarms,
-                setup: Arc::new(Source::default()),
+                setup: setup.clone(),
+                transfers: transfers.clone(),
             },
             live,
             frames: Arc::new(FrameEncoder::new(LiveView::default())),
             translations: Translations::read(None).expect("the program's own"),
-            records: Arc::new(Source::default()),
             is_tls: false,
             hosts: Some(["127.0.0.1:8090".to_owned(), "localhost:8090".to_owned()]),
             idle_min: 30,
@@ -220,7 +157,7 @@ impl PageFixture {
         }));
         let router = routes::router(&web);
         let from = ConnectInfo(SocketAddr::from(([127, 0, 0, 1], 5_000)));
-        PageFixture { router: router.layer(axum::Extension(from)), web, gateway, asked, folder }
+        PageFixture { router: router.layer(axum::Extension(from)), web, gateway, asked, folder, setup, transfers }
     }
 
     /// Returns the parts from which a real server of this page is started.
@@ -228,8 +165,14 @@ impl PageFixture {
         let (folder, gateway) = (self.folder.path().join("store"), self.gateway.clone());
         let people = Arc::new(AccountService::new(folder.clone()));
         let alarms = Arc::new(Alarms::new(people.clone()));
-        let front = InterfaceContext { gateway, people, alarms, setup: Arc::new(Source::default()) };
-        PageParts { page, folder, front, view: LiveView::default(), records: Arc::new(Source::default()) }
+        let front = InterfaceContext {
+            gateway,
+            people,
+            alarms,
+            setup: self.setup.clone(),
+            transfers: self.transfers.clone(),
+        };
+        PageParts { page, folder, front, view: LiveView::default() }
     }
 
     /// Sends a request with these headers.

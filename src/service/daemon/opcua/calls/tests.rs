@@ -5,14 +5,12 @@ use crate::daemon::gateway::InterfaceContext;
 use crate::daemon::people::AccountService;
 use crate::daemon::request::Request as CellRequest;
 use crate::daemon::request_queue::request_queue;
-use crate::daemon::sources::{Equipment, ExaminedItem, RecipeText};
-use crate::daemon::{Alarms, Gateway, SetupSource};
-use panelprep_base::geometry::ColorPicture;
-use panelprep_base::verdict::Verdict;
+use crate::daemon::transfer::RecordTransfers;
+use crate::daemon::{Alarms, Gateway};
+use crate::setup::testing::write_cell;
 use panelprep_cell::accounts::Role;
 use panelprep_cell::cell::AnonymousAccess;
 use panelprep_interfaces::packml::{ArgumentKind, METHODS, method};
-use panelprep_store::office::RecipeOffer;
 use panelprep_store::store::Store;
 use std::sync::atomic::AtomicUsize;
 use std::sync::atomic::Ordering::Relaxed;
@@ -20,54 +18,7 @@ use std::thread;
 use strum::VariantArray;
 use tempfile::TempDir;
 
-struct Source;
-
-impl SetupSource for Source {
-    fn recipes(&self) -> Result<Vec<String>, String> {
-        Ok(vec!["door.toml".to_owned()])
-    }
-
-    fn recipe(&self, name: &str) -> Result<RecipeText, String> {
-        match name {
-            "door.toml" => Ok(RecipeText { name: name.to_owned(), text: "panel = \"door\"".to_owned() }),
-            _ => Err(format!("there is no recipe {name}")),
-        }
-    }
-
-    fn recipe_offer(&self, _: &str) -> Result<Option<RecipeOffer>, String> {
-        Ok(None)
-    }
-
-    fn not_taught(&self, _: &str, _: &str) -> Option<String> {
-        None
-    }
-
-    fn problems(&self, _: &str, _: &str) -> Vec<String> {
-        vec![]
-    }
-
-    fn save(&self, _: &str, _: &str) -> Result<Option<String>, String> {
-        Err("nothing is saved".to_owned())
-    }
-
-    fn taught_picture(&self, _: &str) -> Result<ColorPicture, String> {
-        Err("none".to_owned())
-    }
-
-    fn cycle_obstacles(&self) -> Vec<Reason> {
-        vec![Reason::new("disk_scarce", "5 MB are free")]
-    }
-
-    fn examine_cell(&self) -> Vec<ExaminedItem> {
-        vec![]
-    }
-
-    fn list_equipment(&self) -> Result<(Verdict, Vec<String>, Vec<Equipment>), String> {
-        Ok((Verdict::Accept, vec![], vec![]))
-    }
-}
-
-/// Test bench: the calls, and the requests that reached the loop.
+/// The calls, and the requests that reached the loop.
 struct Cell {
     calls: Calls,
     asked: Arc<Mutex<Vec<String>>>,
@@ -95,15 +46,16 @@ impl Cell {
                 reply.into_iter().for_each(|reply| drop(reply.send(reported.clone())));
             }
         });
-        let loader = Arc::new(|_| Err(vec![Reason::new("bad_input", "no cell here")]));
+        let setup = write_cell(folder.path(), "", &[("door.toml", "panel = \"door\"")]);
         let access = Arc::new(Access::new(people.clone(), Arc::default(), AnonymousAccess::Read));
         let calls = Calls::new(
             access,
             InterfaceContext {
-                gateway: Gateway::new(sender, loader, None),
+                gateway: Gateway::without_cell(sender, Reason::new("bad_input", "no cell here")),
                 people,
                 alarms,
-                setup: Arc::new(Source),
+                setup,
+                transfers: RecordTransfers::default(),
             },
         );
         Cell { calls, asked, refuses, _folder: folder }
@@ -149,7 +101,7 @@ async fn each_method_reaches_the_loop_as_the_table_states() {
             };
             let mut arguments: Vec<Variant> = method.arguments.iter().map(|one| argument(one.kind)).collect();
             if method.command == Command::Start {
-                let door = Source.recipe("door.toml").expect("it is offered");
+                let door = cell.calls.front.setup.recipe("door.toml").expect("it is offered");
                 arguments[1] = Variant::from(door.sha256());
             }
             let outcome = cell.call(method.name, &arguments, role).await;
@@ -203,7 +155,7 @@ async fn wrong_arguments_cause_no_request() {
     let engineer = Some(Role::Engineer);
     let text = |text: &str| Variant::from(text);
     let no = || Variant::from(false);
-    let hash = Source.recipe("door.toml").expect("it is offered").sha256();
+    let hash = cell.calls.front.setup.recipe("door.toml").expect("it is offered").sha256();
     for (name, arguments) in [
         ("Hold", vec![text("now")]),
         ("Unhold", vec![]),
@@ -284,7 +236,7 @@ async fn only_an_executed_stop_answers_the_next_one() {
 #[tokio::test]
 async fn an_alarm_is_acknowledged_by_its_name_once() {
     let cell = Cell::new();
-    cell.calls.front.alarms.check_cell(&Source, None);
+    cell.calls.front.alarms.check_cell(|| vec![Reason::new("disk_scarce", "5 MB are free")], None);
     let alarm = cell.calls.front.alarms.all().expect("read").remove(0);
     let name = Variant::from(panelprep_interfaces::packml::alarm_id(&alarm).as_str());
     assert_eq!(

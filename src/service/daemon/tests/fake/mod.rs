@@ -7,6 +7,8 @@ mod tool;
 mod world;
 
 use super::super::*;
+pub use crate::setup::testing::standing_state;
+use crate::setup::{Calibrations, CellSetup, CycleSetup, PreparedCycle, RecordingPlan, RecordingStatus};
 use panelprep_base::geometry::{Base, ColorPicture, Flange, Rigid};
 use panelprep_base::phase::Phase;
 use panelprep_base::verdict::Reason;
@@ -21,7 +23,6 @@ use panelprep_store::tape::{EntryReader, LoopMemoryStart, check_recording};
 use panelprep_toolpath::removal::model::Model;
 pub use record::{Asks, Memory};
 use robot::FakeRobot;
-pub use robot::standing_state;
 use std::path::PathBuf;
 use std::sync::Arc;
 pub use tool::AtContact;

@@ -1,10 +1,10 @@
 //! A simulated robot that executes a fixed number of its commands every 100 ms.
 
 use super::super::super::*;
-use super::{Shared, World};
-use panelprep_base::geometry::{Base, Flange, Joints, KukaPose, Panel, Tool};
+use super::{Shared, World, standing_state};
+use panelprep_base::geometry::{Base, Flange, KukaPose, Panel, Tool};
 use panelprep_cell::cycle::Path;
-use panelprep_kuka::eki::{self, Command, CommandId, Epoch, Mode, MoveLin, QueueError, Report, Time};
+use panelprep_kuka::eki::{self, Command, CommandId, Epoch, MoveLin, QueueError, Report, Time};
 
 impl World {
     fn queue(&mut self, command: Command) -> Result<CommandId, QueueError> {
@@ -219,35 +219,5 @@ impl World {
         let state = Report::State(Box::new(self.state()));
         self.reports.push_back(state);
         self.reports.pop_front()
-    }
-}
-
-/// Returns the state of a stationary robot with drives on, guard closed, in EXT.
-pub fn standing_state() -> eki::State {
-    eki::State {
-        time_ms: 0,
-        sequence: 0,
-        answered: 0,
-        epoch: Epoch(0),
-        boot: 1,
-        programs_checksum: 1,
-        mode: Mode::External,
-        drives_on: true,
-        emergency_stop: false,
-        guard_closed: true,
-        moving: false,
-        motion_possible: true,
-        base_set: false,
-        tool_set: false,
-        stopped: false,
-        inputs: 0,
-        outputs: 0,
-        done: CommandId(0),
-        underruns: 0,
-        override_percent: 100,
-        joints: Joints::default(),
-        base_from_tcp: KukaPose::default(),
-        active_base: KukaPose::default(),
-        flange_from_tool: KukaPose::default(),
     }
 }

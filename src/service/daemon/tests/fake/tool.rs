@@ -4,6 +4,7 @@ use super::super::super::*;
 use super::{Asks, Cell, FakeCameras, FakeRobot, Memory, Shared, World};
 use crate::daemon;
 use crate::daemon::running::{LoopMemory, OtherPorts};
+use crate::setup::CycleSetup;
 use panelprep_base::geometry::{Flange, KukaPose, Rigid, Tool};
 use panelprep_cell::cycle::{Action, At, Event, Phase, State, Switch};
 use panelprep_cell::force::down_cosine;

@@ -2,6 +2,7 @@
 //! of the cell, and its taught data.
 
 use crate::daemon::*;
+use crate::setup::{Calibrations, CellSetup, CycleSetup};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use panelprep_base::geometry::{Base, ColorPicture, Flange, Joints, KukaPose, Rigid};
 use panelprep_cell::cell;

@@ -3,6 +3,8 @@
 use super::{DOOR, PASSWORD, PageFixture};
 use axum::http::StatusCode;
 use panelprep_cell::files::content_hash;
+#[cfg(feature = "plant")]
+use panelprep_store::office::RecipeOffer;
 use serde_json::{Value, json};
 
 fn drawn() -> Value {
@@ -87,11 +89,15 @@ async fn a_picture_that_cannot_be_taken_gives_the_reason() {
     assert!(audit.contains("take a picture") && audit.contains("has not opened its cameras"), "{audit}");
 }
 
-/// The offer of the office server is shown with its differences. If the person requests this, it is copied into the
-/// form, but not saved.
+/// The office's offer is shown with its differences; it is copied into the form if the person requests this, but is
+/// not saved by this.
+#[cfg(feature = "plant")]
 #[tokio::test]
 async fn a_recipe_of_the_office_is_shown_and_copied_by_a_person() {
     let site = PageFixture::new();
+    let text = DOOR.replace("rows = 2", "rows = 3");
+    let offer = RecipeOffer::new("door", &text, ("Anna <b>", "finer film"), 1_000).expect("an offer");
+    site.transfers.office.record_offers(vec![offer]);
     let engineer = site.log_in("engineer", PASSWORD).await.expect("logged in");
     let page = site.get(&engineer, "/setup/recipe/door.toml").await.body;
     assert!(page.contains("Anna &lt;b&gt;") && page.contains("finer film"), "{page}");

@@ -1,8 +1,7 @@
 //! Tests log-in, wrong passwords, sessions, and requests in a person's name. Every route is tested with every role of
 //! the table, and no route exists outside of the table.
 
-use super::{Browser, PASSWORD, PageFixture, Source};
-use crate::daemon::sources::SetupSource;
+use super::{Browser, PASSWORD, PageFixture};
 use crate::daemon::web::guard::{Access, Method};
 use crate::daemon::web::routes::ROUTES;
 use axum::http::StatusCode;
@@ -72,7 +71,7 @@ async fn requests_go_to_the_loop_in_the_persons_name_and_a_stop_needs_none() {
         let told = site.post(&engineer, &format!("/request/{decision}"), "{\"dried\":true}").await;
         assert_eq!(told.status, StatusCode::UNPROCESSABLE_ENTITY, "{decision} without its step");
     }
-    let sha256 = Source::default().recipe("panel.toml").expect("it is offered").sha256();
+    let sha256 = site.setup.recipe("panel.toml").expect("it is offered").sha256();
     let start =
         |sha256: &str| format!(r#"{{"recipe":"panel.toml","sha256":"{sha256}","serial":"7","is_clear":true}}"#);
     // The recipe was changed after the page was loaded: no request reaches the loop.
@@ -88,8 +87,8 @@ async fn requests_go_to_the_loop_in_the_persons_name_and_a_stop_needs_none() {
         unsaid.body
     );
     let start = site.post(&operator, "/request/start", &start(&sha256)).await;
-    assert_eq!(start.status, StatusCode::CONFLICT, "the loader of this test refuses");
-    assert!(start.body.contains("stated clear: true"), "{}", start.body);
+    assert_eq!(start.status, StatusCode::CONFLICT, "this test has no cell");
+    assert!(start.body.contains("no cell here"), "{}", start.body);
     let by = "operator, on the operator's page at 127.0.0.1";
     // A refused start reaches the loop only to be recorded; no client waits for this.
     let since = std::time::Instant::now();
@@ -254,8 +253,8 @@ async fn an_error_is_a_page_with_its_head() {
         ("/nowhere", StatusCode::NOT_FOUND, "There is no such page."),
         ("/cycle/99", StatusCode::NOT_FOUND, "There is no such page."),
         ("/audit", StatusCode::FORBIDDEN, "Your role does not permit this. (Viewer)"),
-        // The text of the page's own handler is shown unchanged.
-        ("/setup/recipe/gone.toml", StatusCode::NOT_FOUND, "there is no recipe gone.toml"),
+        // The text of the page's own handler is kept, as it is.
+        ("/setup/recipe/gone.toml", StatusCode::NOT_FOUND, "there is no recipe &quot;gone.toml&quot;"),
     ] {
         let told = site.send("GET", path, &[("cookie", &cookie), ("accept", "text/html,*/*")], "").await;
         assert_eq!(told.status, status, "{path}");

@@ -1,26 +1,22 @@
 //! The files that a cycle uses: the recipe, the taught data of its panel, the calibrations, and the texts of all of
-//! them for the record. The last verifications in the store decide whether a cycle may start with these calibrations.
+//! them for the record.
 
-use super::args::{Common, CountArguments};
-use super::calibrate::{now_unix_s, tool};
-use super::fault::{Fault, RecordFault};
-use super::load::{self, CellFiles, LoadedPanel};
+use super::cell_files::CellFiles;
+use super::cycle_setup::{Calibrations, CellSetup, CycleSetup};
+use super::fault::SetupFault;
+use super::start::{PassStatement, PreparedCycle};
+use super::teaching::{self, LoadedPanel};
 use super::{disk, part, zivid};
+use crate::requirements::recipe_fits::{parse_plausible_recipe, unmet_demands};
+use crate::requirements::to_problems;
+use crate::stages::removal::EarlierRemoval;
 use panelprep_base::config::Problems;
-use panelprep_base::verdict::{Judgement, Reason};
-use panelprep_cell::cell::{LensExtent, check_serial_form};
+use panelprep_cell::cell::LensExtent;
 use panelprep_cell::cycle::Request;
 use panelprep_cell::recipe::{Recipe, SandedReference};
 use panelprep_cell::record::{ON_FOAM, PartNames};
-use panelprep_service::daemon::{Calibrations, CellSetup, CycleSetup, PreparedCycle};
-use panelprep_service::requirements::recipe_fits::{parse_plausible_recipe, unmet_demands};
-use panelprep_service::requirements::to_problems;
-use panelprep_service::stages::removal::EarlierRemoval;
-use panelprep_store::store::{CycleStart, PassesOfCycle, UnknownPassCount, calibration_hash};
+use panelprep_store::store::{CycleStart, PassesOfCycle, UnknownPassCount};
 use panelprep_vision::calib::budget;
-use panelprep_vision::calib::health::{
-    CameraHealth, TOOL_FORCE, VerificationLimits, expiry_warning, health, judge_start,
-};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -38,7 +34,7 @@ impl Calibrated {
     ///
     /// # Errors
     /// If the cell does not name such a file, or the file has problems.
-    pub fn read(files: &CellFiles, common: &Common) -> Result<Self, Fault> {
+    pub fn read(files: &CellFiles) -> Result<Self, SetupFault> {
         let (scanner, base_from_camera) = (files.scanner()?, files.base_from_camera()?);
         let (flange_camera, flange_from_camera) = (files.flange_camera()?, files.flange_from_camera()?);
         let tool = files.flange_from_tool()?;
@@ -58,7 +54,7 @@ impl Calibrated {
             removal: removal.as_ref().map(|(model, _)| *model),
         };
         let mut texts = vec![
-            ("cell", disk::read_text(&common.cell)?),
+            ("cell", disk::read_text(&files.paths().cell)?),
             ("scanner", scanner.text),
             ("base_from_camera", base_from_camera.text),
             ("flange_camera", flange_camera.text),
@@ -87,7 +83,7 @@ pub struct TaughtRecipe {
     /// Earlier cycles that abraded the same part, if its serial number is given.
     earlier: Vec<PassesOfCycle>,
     /// Statements about the part's abrasions.
-    count: CountArguments,
+    count: PassStatement,
     /// The reason why the part's abrasions cannot be counted without such a statement.
     lost: Option<UnknownPassCount>,
     /// Whether foam lies in the cell instead of a panel.
@@ -100,7 +96,7 @@ impl TaughtRecipe {
     /// # Errors
     /// If the recipe has problems or requests what the cell cannot do, or if its panel was not taught or was taught
     /// with another region.
-    pub fn read(files: &CellFiles, recipe_file: &Path) -> Result<Self, Fault> {
+    pub fn read(files: &CellFiles, recipe_file: &Path) -> Result<Self, SetupFault> {
         Self::from_text(files, recipe_file, disk::read_text(recipe_file)?)
     }
 
@@ -108,21 +104,21 @@ impl TaughtRecipe {
     ///
     /// # Errors
     /// As [`TaughtRecipe::read`].
-    pub fn from_text(files: &CellFiles, recipe_file: &Path, recipe_text: String) -> Result<Self, Fault> {
+    pub fn from_text(files: &CellFiles, recipe_file: &Path, recipe_text: String) -> Result<Self, SetupFault> {
         let name = recipe_file.display().to_string();
         let recipe = parse_plausible_recipe(&name, &recipe_text)?;
         let unfit = unmet_demands(&files.cell, &recipe, &disk::read_referenced);
         if !unfit.is_empty() {
             return Err(Problems { file: name, list: to_problems(&recipe_text, unfit) }.into());
         }
-        let taught = load::taught(files, recipe_file, &recipe)?;
+        let taught = teaching::taught(files, recipe_file, &recipe)?;
         Ok(TaughtRecipe {
             recipe,
             recipe_text,
             taught,
             part: None,
             earlier: vec![],
-            count: CountArguments::default(),
+            count: PassStatement::default(),
             lost: None,
             on_foam: false,
         })
@@ -143,17 +139,17 @@ impl TaughtRecipe {
         self,
         files: &CellFiles,
         part: Option<PartNames>,
-        count: CountArguments,
-    ) -> Result<Self, Fault> {
+        count: PassStatement,
+    ) -> Result<Self, SetupFault> {
         let part = part::parse_part_names(part.unwrap_or_default())?;
         let serial = part.as_ref().and_then(|part| part.serial.as_deref());
         let store = files.store()?;
         let earlier = match serial {
-            Some(serial) => store.sanding_passes_by_serial(serial, None).map_err(Fault::stage)?,
+            Some(serial) => store.passes_by_serial(serial, None).map_err(SetupFault::stage)?,
             None => vec![],
         };
         let lost =
-            store.unknown_pass_count(self.recipe.panel(), serial.unwrap_or_default()).map_err(Fault::stage)?;
+            store.unknown_pass_count(self.recipe.panel(), serial.unwrap_or_default()).map_err(SetupFault::stage)?;
         Ok(TaughtRecipe { part, earlier, count, lost, ..self })
     }
 
@@ -162,14 +158,11 @@ impl TaughtRecipe {
     ///
     /// # Errors
     /// If a required name is missing, or a name does not have its form.
-    pub fn check_part_names(&self, files: &CellFiles) -> Result<(), Fault> {
+    pub fn check_part_names(&self, files: &CellFiles) -> Result<(), SetupFault> {
         let part = self.part.as_ref();
         let serial = part.and_then(|part| part.serial.as_deref());
         let order = part.and_then(|part| part.order.as_deref());
-        let of_recipe = serial.zip(self.recipe.outline().serial_pattern());
-        let checked = files.cell.part().check(serial, order);
-        let checked = checked.and_then(|()| of_recipe.map_or(Ok(()), |(it, form)| check_serial_form(it, &form)));
-        checked.map_err(|problem| RecordFault::PartNames(problem).into())
+        files.cell.part().check(serial, order).map_err(|problem| SetupFault::PartNames(problem))
     }
 
     /// Checks that the part's abrasions can be counted, and by `[process] max_passes_per_part` that it may be abraded
@@ -178,11 +171,11 @@ impl TaughtRecipe {
     /// # Errors
     /// If earlier cycles have used all allowed passes; each cycle is named with its passes. If the store was restored
     /// and nothing was stated about the part.
-    pub fn check_part_passes(&self) -> Result<(), Fault> {
+    pub fn check_part_passes(&self) -> Result<(), SetupFault> {
         if let (Some(lost), None) = (&self.lost, self.count.lost_passes) {
             let is_answered = self.count.another_part && UnknownPassCount::is_another_part_sufficient(&lost.serial);
             if !is_answered {
-                return Err(RecordFault::CountUnknown(lost.clone()).into());
+                return Err(SetupFault::CountUnknown(lost.clone()));
             }
         }
         let most = self.recipe.process().effective_passes_per_part();
@@ -198,12 +191,11 @@ impl TaughtRecipe {
     /// # Errors
     /// If the part may not be abraded any more, no corner was taught, or a corner was taught where the lens is not
     /// calibrated.
-    pub fn prepare_cycle(self, cell: Arc<CellSetup>, calibrated: &Calibrated) -> Result<PreparedCycle, Fault> {
+    pub fn prepare_cycle(self, cell: Arc<CellSetup>, calibrated: &Calibrated) -> Result<PreparedCycle, SetupFault> {
         self.check_part_passes()?;
         let (request, start, before) = (self.request(), self.start(calibrated)?, self.removed_before());
         let TaughtRecipe { recipe, taught: LoadedPanel { panel, corners, .. }, .. } = self;
-        let setup =
-            CycleSetup::new(cell, recipe, (panel, corners), calibrated.for_cycle()).map_err(Fault::stage)?;
+        let setup = CycleSetup::new(cell, recipe, (panel, corners), calibrated.for_cycle())?;
         let setup = setup.with_earlier_removal(before);
         Ok(PreparedCycle { request, setup, start, recording: None, remarks: vec![] })
     }
@@ -212,11 +204,10 @@ impl TaughtRecipe {
     ///
     /// # Errors
     /// If the cell does not name what a cycle needs, or its corners are not suitable.
-    pub fn single_setup(&self, files: &CellFiles, calibrated: &Calibrated) -> Result<CycleSetup, Fault> {
-        let cell = Arc::new(CellSetup::new(&files.cell).map_err(Fault::stage)?);
+    pub fn single_setup(&self, files: &CellFiles, calibrated: &Calibrated) -> Result<CycleSetup, SetupFault> {
+        let cell = Arc::new(CellSetup::new(&files.cell)?);
         let taught = (self.taught.panel.clone(), self.taught.corners.clone());
-        let setup =
-            CycleSetup::new(cell, self.recipe.clone(), taught, calibrated.for_cycle()).map_err(Fault::stage)?;
+        let setup = CycleSetup::new(cell, self.recipe.clone(), taught, calibrated.for_cycle())?;
         Ok(setup.with_earlier_removal(self.removed_before()).with_foam(self.on_foam))
     }
 
@@ -224,7 +215,7 @@ impl TaughtRecipe {
     ///
     /// # Errors
     /// If the part cannot be written as text.
-    pub fn start(&self, calibrated: &Calibrated) -> Result<CycleStart, Fault> {
+    pub fn start(&self, calibrated: &Calibrated) -> Result<CycleStart, SetupFault> {
         let part = self.part.as_ref().map(part::text).transpose()?.map(|text| (PartNames::FILE, text));
         let before = self.removed_before_text()?;
         let texts = calibrated.texts.iter().chain(&part).chain(&before);
@@ -266,9 +257,9 @@ impl TaughtRecipe {
 
     /// Returns the removal by earlier cycles as text, which is stored with the cycle and from which a replay reads it;
     /// `None` if nothing was removed.
-    fn removed_before_text(&self) -> Result<Option<(&'static str, String)>, Fault> {
+    fn removed_before_text(&self) -> Result<Option<(&'static str, String)>, SetupFault> {
         let found = Some(self.removed_before()).filter(|found| *found != EarlierRemoval::default());
-        let text = found.map(|found| toml::to_string(&found)).transpose().map_err(Fault::stage)?;
+        let text = found.map(|found| toml::to_string(&found)).transpose().map_err(SetupFault::stage)?;
         Ok(text.map(|text| (EARLIER_REMOVAL_TEXT, text)))
     }
 
@@ -291,49 +282,4 @@ pub const EARLIER_REMOVAL_TEXT: &str = "removed_before";
 
 fn count(number: usize) -> u8 {
     u8::try_from(number).unwrap_or(u8::MAX)
-}
-
-/// Returns the verifications of the cameras that expire soon.
-///
-/// # Errors
-/// If there is no store.
-pub fn expiring_verifications(files: &CellFiles) -> Result<Vec<Reason>, Fault> {
-    let (store, demands) = (files.store()?, VerificationLimits::from_limits(files.cell.limits()));
-    let mut ending = Vec::new();
-    for subject in ["scanner", "flange_camera"] {
-        let last = store.newest_verification(subject).map_err(Fault::stage)?;
-        ending.extend(last.and_then(|last| expiry_warning(&last, now_unix_s(), demands)));
-    }
-    Ok(ending)
-}
-
-/// Reads what [`judge_start`] needs and judges it.
-///
-/// # Errors
-/// If a calibration cannot be read, or there is no store.
-pub fn judge_health(files: &CellFiles) -> Result<Judgement, Fault> {
-    let store = files.store()?;
-    let last = |subject: &str| store.newest_verification(subject).map_err(Fault::stage);
-    let scanner = calibration_hash(&[&files.scanner()?.text, &files.base_from_camera()?.text]);
-    let flange = files.hash_with_arm(&[&files.flange_camera()?.text, &files.flange_from_camera()?.text]);
-    let (last_scanner, last_flange) = (last("scanner")?, last("flange_camera")?);
-    let cameras = [
-        CameraHealth { subject: "scanner", last: last_scanner.as_ref(), calibration_hash: &scanner },
-        CameraHealth { subject: "flange_camera", last: last_flange.as_ref(), calibration_hash: &flange },
-    ];
-    let touch = files.last_touch_check(&files.flange_from_tool()?.text);
-    let start =
-        judge_start(&cameras, touch.as_ref(), now_unix_s(), VerificationLimits::from_limits(files.cell.limits()));
-    // A simulated tool has exactly its stated values and needs no verification.
-    let tool = files.cell.tool().compliant().filter(|tool| tool.address.is_some());
-    let Some(tool) = tool else { return Ok(start) };
-    let last_force = last(TOOL_FORCE)?;
-    let of_force = health(
-        TOOL_FORCE,
-        last_force.as_ref(),
-        &tool::force_hash(tool),
-        now_unix_s(),
-        tool::verification_limits(files, tool),
-    );
-    Ok(start.combined_with(of_force))
 }

@@ -1,9 +1,9 @@
 //! The cell's file with the calibrations that it names, each read and checked when a command needs it; and the
 //! cell's store.
 
-use crate::cli::args::Common;
-use crate::cli::disk;
-use crate::cli::fault::{CalibrationFault, Fault};
+use super::disk;
+use super::fault::SetupFault;
+use crate::requirements::{Purpose, incomplete_files, is_same_correction};
 use panelprep_base::geometry::{Base, Camera, Flange, FlangeCamera, KukaPose, PinholeCamera, Rigid, Tool};
 use panelprep_cell::cell::{
     Cell, CorrectionNumbers, FlangeCameraMount, Intrinsics, LensExtent, Mount, MountedPose, RemovalCalibration,
@@ -11,8 +11,6 @@ use panelprep_cell::cell::{
 };
 use panelprep_cell::cycle::{At, Cause};
 use panelprep_cell::files::{ReportedFlange, content_hash};
-use panelprep_service::daemon::Mounted;
-use panelprep_service::requirements::{Purpose, incomplete_files, is_same_correction};
 use panelprep_store::store::{Store, calibration_hash};
 use panelprep_toolpath::path::Kinematics;
 use panelprep_toolpath::removal::model::Model;
@@ -29,9 +27,28 @@ pub(super) fn name(file: &Path) -> String {
     file.display().to_string()
 }
 
+/// The places of a cell's data, as a command line names them.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct CellPaths {
+    /// The cell's file.
+    pub cell: PathBuf,
+    /// The store's folder; `None` if the cell's file names it.
+    pub store: Option<PathBuf>,
+}
+
+/// A device that is mounted on the flange, at its calibrated pose.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Mounted {
+    /// The name of the mounted item, such as the sanding tool.
+    pub name: &'static str,
+    /// The pose of the tip of the mounted item.
+    pub flange_from_tip: Rigid<Flange, Tool>,
+}
+
 /// The cell's file, checked, with the texts of the calibrations that a command needs.
+#[derive(Debug)]
 pub struct CellFiles {
-    file: PathBuf,
+    paths: CellPaths,
     /// The checked cell; its arm is corrected by the file that it names.
     pub cell: Cell,
     /// The text of the correction file.
@@ -57,7 +74,7 @@ pub struct LoadedCalibration<T> {
 ///
 /// # Errors
 /// If it cannot be read or has problems.
-pub fn calibrated_serial(intrinsics: Option<&Path>) -> Result<Option<String>, Fault> {
+pub fn calibrated_serial(intrinsics: Option<&Path>) -> Result<Option<String>, SetupFault> {
     // A camera that is not calibrated yet is also accepted: another place checks that a cycle's calibrations exist.
     let Some(file) = intrinsics.filter(|file| file.exists()) else { return Ok(None) };
     Ok(Intrinsics::check(&name(file), &disk::read_text(file)?)?.serial)
@@ -80,18 +97,23 @@ impl CellFiles {
     ///
     /// # Errors
     /// If it cannot be read or has problems.
-    pub fn read(common: &Common) -> Result<Self, Fault> {
-        let cell = Cell::check(&name(&common.cell), &disk::read_text(&common.cell)?)?;
-        let store = common.store.clone().unwrap_or_else(|| cell.store().to_owned());
+    pub fn read(paths: &CellPaths) -> Result<Self, SetupFault> {
+        let cell = Cell::check(&name(&paths.cell), &disk::read_text(&paths.cell)?)?;
+        let store = paths.store.clone().unwrap_or_else(|| cell.store().to_owned());
         let signed = cell.robot().stated_stage().and_then(|_| newest_signed_page(&store));
         let cell = cell.with_signed_page(signed);
-        let files = CellFiles { file: common.cell.clone(), cell, correction_text: None, store };
+        let files = CellFiles { paths: paths.clone(), cell, correction_text: None, store };
         let Some((text, numbers)) = files.correction_now()? else { return Ok(files) };
         Ok(CellFiles { cell: files.cell.with_arm_correction(numbers), correction_text: Some(text), ..files })
     }
 
+    /// Returns the paths from which these files were read.
+    pub fn paths(&self) -> &CellPaths {
+        &self.paths
+    }
+
     /// Reads the present content of the arm's correction file, with its text.
-    fn correction_now(&self) -> Result<Option<(String, CorrectionNumbers)>, Fault> {
+    fn correction_now(&self) -> Result<Option<(String, CorrectionNumbers)>, SetupFault> {
         let file = self.cell.calibration().robot_correction.as_ref();
         let Some(file) = file else { return Ok(None) };
         let (name, text) = self.text("robot_correction", Some(file))?;
@@ -103,10 +125,10 @@ impl CellFiles {
     ///
     /// # Errors
     /// If its file has changed since it was read: started work continues with one correction.
-    pub fn correction_text(&self) -> Result<Option<&str>, Fault> {
+    pub fn correction_text(&self) -> Result<Option<&str>, SetupFault> {
         let now = self.correction_now()?.map(|(text, _)| text);
         if now != self.correction_text {
-            return Err(CalibrationFault::CorrectionChanged { cell: self.file.clone() }.into());
+            return Err(SetupFault::CorrectionChanged { cell: self.paths.cell.clone() });
         }
         Ok(self.correction_text.as_deref())
     }
@@ -127,11 +149,11 @@ impl CellFiles {
     ///
     /// # Errors
     /// If the arm has a correction and the file has no axes.
-    pub fn true_flange(&self, file: &Path, reported: &ReportedFlange) -> Result<KukaPose, Fault> {
+    pub fn true_flange(&self, file: &Path, reported: &ReportedFlange) -> Result<KukaPose, SetupFault> {
         if self.cell.arm().correction().is_none() {
             return Ok(reported.base_from_flange);
         }
-        let joints = reported.joints.as_ref().ok_or_else(|| Fault::file_fault(file, NO_AXES))?;
+        let joints = reported.joints.as_ref().ok_or_else(|| SetupFault::file_fault(file, NO_AXES))?;
         let arm = Kinematics::new(self.cell.arm());
         Ok(KukaPose::from_rigid(&arm.true_flange(reported.base_from_flange.to_rigid(), joints)))
     }
@@ -145,8 +167,8 @@ impl CellFiles {
     ///
     /// # Errors
     /// If there is none, or it is damaged or not a store of this program.
-    pub fn store(&self) -> Result<Store, Fault> {
-        Store::open(&self.store).map_err(Fault::stage)
+    pub fn store(&self) -> Result<Store, SetupFault> {
+        Store::open(&self.store).map_err(SetupFault::stage)
     }
 
     /// Opens the store for writing, and makes it if there is none.
@@ -154,8 +176,8 @@ impl CellFiles {
     /// # Errors
     /// If its folder cannot be made, another process writes to it, or its database is damaged or not one of this
     /// program.
-    pub fn store_for_writing(&self) -> Result<Store, Fault> {
-        Store::create(&self.store).map_err(Fault::stage)
+    pub fn store_for_writing(&self) -> Result<Store, SetupFault> {
+        Store::create(&self.store).map_err(SetupFault::stage)
     }
 
     /// Opens the store for writing and concludes what an earlier program left unfinished. Refuses if a person must
@@ -163,17 +185,17 @@ impl CellFiles {
     ///
     /// # Errors
     /// As [`CellFiles::store_for_writing`], and if a motion is open or the last cycle was aborted.
-    pub fn settled_store(&self) -> Result<Store, Fault> {
+    pub fn settled_store(&self) -> Result<Store, SetupFault> {
         let mut store = self.store_for_writing()?;
-        let recovered = store.recover().map_err(Fault::stage)?;
+        let recovered = store.recover().map_err(SetupFault::stage)?;
         if matches!(recovered.at, At::Aborted { cause: Cause::StoreChanged }) {
-            return Err(Fault::StoreChanged { cell: self.file.clone() });
+            return Err(SetupFault::StoreChanged { cell: self.paths.cell.clone() });
         }
-        if recovered.intent.is_some() || store.has_open_motion().map_err(Fault::stage)? {
-            return Err(Fault::MotionOpen { cell: self.file.clone() });
+        if recovered.intent.is_some() || store.has_open_motion().map_err(SetupFault::stage)? {
+            return Err(SetupFault::MotionOpen { cell: self.paths.cell.clone() });
         }
         if matches!(recovered.at, At::Aborted { .. }) {
-            return Err(Fault::NotCleared { cell: self.file.clone() });
+            return Err(SetupFault::NotCleared { cell: self.paths.cell.clone() });
         }
         Ok(store)
     }
@@ -193,27 +215,27 @@ impl CellFiles {
     ///
     /// # Errors
     /// All that is missing, each with its key.
-    pub fn require(&self, purpose: Purpose) -> Result<(), Fault> {
+    pub fn require(&self, purpose: Purpose) -> Result<(), SetupFault> {
         let unmet = incomplete_files(&self.cell, purpose, &disk::read_referenced);
         if unmet.is_empty() {
             return Ok(());
         }
-        Err(Fault::Unmet { cell: self.file.clone(), purpose, unmet })
+        Err(SetupFault::Unmet { cell: self.paths.cell.clone(), purpose, unmet })
     }
 
-    fn missing_file_fault(&self, key: &'static str, file: &Path) -> Fault {
-        CalibrationFault::CalibrationAway { cell: self.file.clone(), key, file: file.to_owned() }.into()
+    fn missing_file_fault(&self, key: &'static str, file: &Path) -> SetupFault {
+        SetupFault::CalibrationAway { cell: self.paths.cell.clone(), key, file: file.to_owned() }
     }
 
-    fn text(&self, key: &'static str, file: Option<&PathBuf>) -> Result<(String, String), Fault> {
-        let file = file.ok_or_else(|| CalibrationFault::NotCalibrated { cell: self.file.clone(), key })?;
+    fn text(&self, key: &'static str, file: Option<&PathBuf>) -> Result<(String, String), SetupFault> {
+        let file = file.ok_or_else(|| SetupFault::NotCalibrated { cell: self.paths.cell.clone(), key })?;
         if !file.exists() {
             return Err(self.missing_file_fault(key, file));
         }
         Ok((name(file), disk::read_text(file)?))
     }
 
-    fn lens(&self, key: &'static str, file: Option<&PathBuf>) -> Result<(Intrinsics, String), Fault> {
+    fn lens(&self, key: &'static str, file: Option<&PathBuf>) -> Result<(Intrinsics, String), SetupFault> {
         let (name, text) = self.text(key, file)?;
         Ok((Intrinsics::check(&name, &text)?, text))
     }
@@ -222,31 +244,34 @@ impl CellFiles {
         &self,
         key: &'static str,
         file: Option<&PathBuf>,
-    ) -> Result<LoadedCalibration<PinholeCamera>, Fault> {
+    ) -> Result<LoadedCalibration<PinholeCamera>, SetupFault> {
         let (Intrinsics { camera, extent, errors, .. }, text) = self.lens(key, file)?;
         let scan_errors = ScanErrors::from_measured(errors.as_ref());
         Ok(LoadedCalibration { value: camera, uncertainty_mm: None, extent, scan_errors, text })
     }
 
     /// Checks that a mount's robot poses were corrected with the same correction as this cell's.
-    fn check_arm_correction<M: Mount>(&self, name: &str, mount: &MountedPose<M>) -> Result<(), Fault> {
+    fn check_arm_correction<M: Mount>(&self, name: &str, mount: &MountedPose<M>) -> Result<(), SetupFault> {
         let ours = self.correction_hash();
         if is_same_correction(mount, ours.as_deref()) {
             return Ok(());
         }
         let found = mount.robot_correction.clone();
-        Err(CalibrationFault::OtherCorrection { file: name.into(), found, ours }.into())
+        Err(SetupFault::OtherCorrection { file: name.into(), found, ours })
     }
 
     /// Reads a mount that was measured with this arm's correction; returns it with its file's name and text.
-    fn load_mount<M: Mount>(&self, file: Option<&PathBuf>) -> Result<(String, MountedPose<M>, String), Fault> {
+    fn load_mount<M: Mount>(&self, file: Option<&PathBuf>) -> Result<(String, MountedPose<M>, String), SetupFault> {
         let (name, text) = self.text(M::TABLE, file)?;
         let mount = MountedPose::<M>::check(&name, &text)?;
         self.check_arm_correction(&name, &mount)?;
         Ok((name, mount, text))
     }
 
-    fn mount<M: Mount>(&self, file: Option<&PathBuf>) -> Result<LoadedCalibration<Rigid<M::To, M::From>>, Fault> {
+    fn mount<M: Mount>(
+        &self,
+        file: Option<&PathBuf>,
+    ) -> Result<LoadedCalibration<Rigid<M::To, M::From>>, SetupFault> {
         let (_, mount, text) = self.load_mount::<M>(file)?;
         Ok(load_calibration(&mount, text))
     }
@@ -255,7 +280,7 @@ impl CellFiles {
     ///
     /// # Errors
     /// If the cell names no such file, or it has problems; likewise for the other calibrations.
-    pub fn scanner(&self) -> Result<LoadedCalibration<PinholeCamera>, Fault> {
+    pub fn scanner(&self) -> Result<LoadedCalibration<PinholeCamera>, SetupFault> {
         self.intrinsics("scanner", self.cell.calibration().scanner.as_ref())
     }
 
@@ -263,7 +288,7 @@ impl CellFiles {
     ///
     /// # Errors
     /// As [`CellFiles::scanner`].
-    pub fn scanner_lens(&self) -> Result<Intrinsics, Fault> {
+    pub fn scanner_lens(&self) -> Result<Intrinsics, SetupFault> {
         self.lens("scanner", self.cell.calibration().scanner.as_ref()).map(|(lens, _)| lens)
     }
 
@@ -271,7 +296,7 @@ impl CellFiles {
     ///
     /// # Errors
     /// As [`CellFiles::scanner`].
-    pub fn flange_camera(&self) -> Result<LoadedCalibration<PinholeCamera>, Fault> {
+    pub fn flange_camera(&self) -> Result<LoadedCalibration<PinholeCamera>, SetupFault> {
         self.intrinsics("flange_camera", self.cell.calibration().flange_camera.as_ref())
     }
 
@@ -279,7 +304,7 @@ impl CellFiles {
     ///
     /// # Errors
     /// As [`CellFiles::scanner`].
-    pub fn base_from_camera(&self) -> Result<LoadedCalibration<Rigid<Base, Camera>>, Fault> {
+    pub fn base_from_camera(&self) -> Result<LoadedCalibration<Rigid<Base, Camera>>, SetupFault> {
         self.mount::<ScannerMount>(self.cell.calibration().base_from_camera.as_ref())
     }
 
@@ -287,7 +312,7 @@ impl CellFiles {
     ///
     /// # Errors
     /// As [`CellFiles::scanner`].
-    pub fn flange_from_camera(&self) -> Result<LoadedCalibration<Rigid<Flange, FlangeCamera>>, Fault> {
+    pub fn flange_from_camera(&self) -> Result<LoadedCalibration<Rigid<Flange, FlangeCamera>>, SetupFault> {
         self.mount::<FlangeCameraMount>(self.cell.calibration().flange_from_camera.as_ref())
     }
 
@@ -295,7 +320,7 @@ impl CellFiles {
     ///
     /// # Errors
     /// As [`CellFiles::scanner`].
-    pub fn tool_tip(&self) -> Result<LoadedCalibration<Rigid<Flange, Tool>>, Fault> {
+    pub fn tool_tip(&self) -> Result<LoadedCalibration<Rigid<Flange, Tool>>, SetupFault> {
         self.mount::<ToolMount>(self.cell.calibration().flange_from_tool.as_ref())
     }
 
@@ -304,7 +329,7 @@ impl CellFiles {
     ///
     /// # Errors
     /// As [`CellFiles::scanner`].
-    pub fn flange_devices(&self) -> Result<Vec<Mounted>, Fault> {
+    pub fn flange_devices(&self) -> Result<Vec<Mounted>, SetupFault> {
         let calibration = self.cell.calibration();
         let is_made = |file: &Option<PathBuf>| file.as_ref().is_some_and(|file| file.exists());
         let mut mounted = Vec::new();
@@ -323,7 +348,7 @@ impl CellFiles {
     ///
     /// # Errors
     /// If the file is missing or has problems.
-    pub fn removal(&self) -> Result<Option<(Model, String)>, Fault> {
+    pub fn removal(&self) -> Result<Option<(Model, String)>, SetupFault> {
         let Some(file) = self.cell.calibration().removal.as_ref() else { return Ok(None) };
         let (name, text) = self.text("removal", Some(file))?;
         Ok(Some((Model::from(&RemovalCalibration::check(&name, &text)?.numbers), text)))
@@ -333,12 +358,12 @@ impl CellFiles {
     ///
     /// # Errors
     /// As [`CellFiles::scanner`]; also if the file does not state that the tool's axis was measured.
-    pub fn flange_from_tool(&self) -> Result<LoadedCalibration<Rigid<Flange, Tool>>, Fault> {
+    pub fn flange_from_tool(&self) -> Result<LoadedCalibration<Rigid<Flange, Tool>>, SetupFault> {
         let (file, mounted, text) =
             self.load_mount::<ToolMount>(self.cell.calibration().flange_from_tool.as_ref())?;
         match mounted.axis_measured {
             Some(true) => Ok(load_calibration(&mounted, text)),
-            _ => Err(CalibrationFault::NoAxis { file }.into()),
+            _ => Err(SetupFault::NoAxis { file }),
         }
     }
 }

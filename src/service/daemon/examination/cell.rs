@@ -1,19 +1,16 @@
 //! The checks of `panelprep doctor` for the files of the cell: the store, the calibrations with their age, and the
 //! controller's EthernetKRL files.
 
-use super::check::Check;
-use crate::cli::args::Common;
-use crate::cli::calibrate::now_unix_s;
-use crate::cli::disk;
-use crate::cli::fault::{CalibrationFault, Fault};
-use crate::cli::load::{CellFiles, last_touch_check};
+use super::check::ExaminedItem;
+use crate::check::check_files;
+use crate::requirements::{ProblemKind, Purpose, UnmetRequirement, incomplete_files};
+use crate::setup::clock::now_unix_s;
+use crate::setup::{CellFiles, SetupFault, disk, last_touch_check};
 use panelprep_base::config::Problem;
 use panelprep_cell::cell::{Cell, ProofStage, RobotKind, Unsigned};
 use panelprep_cell::controller::{
     COMMANDS, CONFIG, Comparison, ControllerFiles, PROGRAMS, STATES, SUBMIT, SumError, USER, compare, program_sum,
 };
-use panelprep_service::check::check_files;
-use panelprep_service::requirements::{ProblemKind, Purpose, UnmetRequirement, incomplete_files};
 use panelprep_store::store::{Store, StoreError, calibration_hash};
 use panelprep_vision::calib::health::{VerificationLimits, health};
 use std::net::{IpAddr, ToSocketAddrs};
@@ -30,65 +27,71 @@ const SEPARATELY_CHECKED_KEYS: [&str; 7] = [
     "scanner.settings_2d",
 ];
 
-/// Checks the cell file, which was already read, and the files that it names.
-pub(super) fn check_cell_file(common: &Common, files: &CellFiles) -> Vec<Check> {
-    let name = common.cell.display().to_string();
+/// Checks the cell's file, which was already read, and the other files that it names.
+pub(super) fn check_cell_file(files: &CellFiles) -> Vec<ExaminedItem> {
+    let name = files.paths().cell.display().to_string();
     let mut unmet = incomplete_files(&files.cell, Purpose::Cycle, &disk::read_referenced);
     unmet
         .retain(|unmet| unmet.kind == ProblemKind::Value || !SEPARATELY_CHECKED_KEYS.contains(&unmet.key.as_str()));
     if unmet.is_empty() {
-        return vec![Check::passed("cell file", name)];
+        return vec![ExaminedItem::passed("cell file", name)];
     }
     let advice = format!("correct this entry in {name}; {} need it", Purpose::Cycle.commands());
-    let wrong =
-        |UnmetRequirement { key, message, .. }| Check::failed("cell file", format!("{key}: {message}"), &*advice);
+    let wrong = |UnmetRequirement { key, message, .. }| {
+        ExaminedItem::failed("cell file", format!("{key}: {message}"), &*advice)
+    };
     unmet.into_iter().map(wrong).collect()
 }
 
-/// Checks whether the store can be read, and whether a person must do something about it.
-pub(super) fn store(files: &CellFiles) -> (Check, Option<Store>) {
+/// Checks whether the store can be read, and whether it waits for a person.
+pub(super) fn store(files: &CellFiles) -> (ExaminedItem, Option<Store>) {
     let folder = files.store_folder().display().to_string();
     let store = match Store::open(files.store_folder()) {
         Ok(store) => store,
         Err(StoreError::Missing { .. }) => {
             let found = format!("no store exists yet in {folder}");
-            return (Check::failed("store", found, "teach the panel: `panelprep teach` creates the store"), None);
+            return (
+                ExaminedItem::failed("store", found, "teach the panel: `panelprep teach` creates the store"),
+                None,
+            );
         }
         Err(error) => {
             let advice = "check the folder, or restore the last backup of the store";
-            return (Check::failed("store", error.to_string(), advice), None);
+            return (ExaminedItem::failed("store", error.to_string(), advice), None);
         }
     };
     let check = match store.has_open_motion() {
-        Ok(false) => Check::passed("store", format!("{folder}, no motion open")),
-        Ok(true) => Check::failed(
+        Ok(false) => ExaminedItem::passed("store", format!("{folder}, no motion open")),
+        Ok(true) => ExaminedItem::failed(
             "store",
             "a motion is open: a program ended while the robot moved",
             "check the cell, start `panelprep run`, then run `panelprep ctl clear`",
         ),
-        Err(error) => Check::failed("store", error.to_string(), "restore the last backup of the store"),
+        Err(error) => ExaminedItem::failed("store", error.to_string(), "restore the last backup of the store"),
     };
     (check, Some(store))
 }
 
-/// Checks by their hashes that scan and pictures of each taught panel are unchanged since teaching.
-pub(super) fn taught(store: &Store) -> Vec<Check> {
+/// Checks by the hashes whether the scan and the pictures of each taught panel are still those of the teaching.
+pub(super) fn taught(store: &Store) -> Vec<ExaminedItem> {
     let name = "taught panels";
     let panels = match store.panel_names() {
         Ok(panels) => panels,
-        Err(error) => return vec![Check::failed(name, error.to_string(), "restore the last backup of the store")],
+        Err(error) => {
+            return vec![ExaminedItem::failed(name, error.to_string(), "restore the last backup of the store")];
+        }
     };
     if panels.is_empty() {
-        return vec![Check::failed(name, "none", "teach the panel: `panelprep teach`")];
+        return vec![ExaminedItem::failed(name, "none", "teach the panel: `panelprep teach`")];
     }
     let check = |panel: String| match store.taught(&panel, None) {
         Ok(taught) => {
             let corners = taught.teaching.corners.len();
             let found =
                 format!("version {}, scan and {corners} corner pictures unchanged since teaching", taught.version);
-            Check::passed(format!("taught panel {panel}"), found)
+            ExaminedItem::passed(format!("taught panel {panel}"), found)
         }
-        Err(error) => Check::failed(
+        Err(error) => ExaminedItem::failed(
             format!("taught panel {panel}"),
             error.to_string(),
             "a cycle would refuse this panel: teach the panel again, or restore the last backup of the store",
@@ -97,32 +100,33 @@ pub(super) fn taught(store: &Store) -> Vec<Check> {
     panels.into_iter().map(check).collect()
 }
 
-/// Checks for each calibration that it exists, and that the store contains a recent verification.
-pub(super) fn calibrations(files: &CellFiles, store: Option<&Store>) -> Vec<Check> {
-    let camera = |name: &str, lens: Result<String, Fault>, mount: Result<String, Fault>| match (lens, mount) {
-        (Ok(lens), Ok(mount)) => {
-            let hash = match name {
-                "flange_camera" => files.hash_with_arm(&[&lens, &mount]),
-                _ => calibration_hash(&[&lens, &mount]),
-            };
-            verification_check((files, store), name, &hash)
-        }
-        (Err(fault), _) | (_, Err(fault)) => unreadable_check(name, &fault),
-    };
+/// Checks for each calibration whether it exists, and whether the store contains a recent verification.
+pub(super) fn calibrations(files: &CellFiles, store: Option<&Store>) -> Vec<ExaminedItem> {
+    let camera =
+        |name: &str, lens: Result<String, SetupFault>, mount: Result<String, SetupFault>| match (lens, mount) {
+            (Ok(lens), Ok(mount)) => {
+                let hash = match name {
+                    "flange_camera" => files.hash_with_arm(&[&lens, &mount]),
+                    _ => calibration_hash(&[&lens, &mount]),
+                };
+                verification_check((files, store), name, &hash)
+            }
+            (Err(fault), _) | (_, Err(fault)) => unreadable_check(name, &fault),
+        };
     let tool = match files.flange_from_tool() {
         Ok(tool) => match store.and_then(|store| last_touch_check(store, &files.hash_with_arm(&[&tool.text]))) {
             Some(touch) if touch.error.is_nan() || touch.error > files.cell.limits().verify_limit_mm() => {
-                Check::failed(
+                ExaminedItem::failed(
                     "calibration of the tool",
                     format!("the last touch deviated by {:.3} mm", touch.error),
                     "run `panelprep calibrate tcp` again, then `panelprep calibrate touch`",
                 )
             }
-            Some(touch) => Check::passed(
+            Some(touch) => ExaminedItem::passed(
                 "calibration of the tool",
                 format!("the last touch deviated by {:.3} mm", touch.error),
             ),
-            None => Check::passed(
+            None => ExaminedItem::passed(
                 "calibration of the tool",
                 "no touch is recorded: the robot's own error was not measured",
             ),
@@ -137,27 +141,27 @@ pub(super) fn calibrations(files: &CellFiles, store: Option<&Store>) -> Vec<Chec
     ]
 }
 
-fn unreadable_check(name: &str, fault: &Fault) -> Check {
+fn unreadable_check(name: &str, fault: &SetupFault) -> ExaminedItem {
     let found = match fault {
-        // The advice of this check states how the file is created.
-        Fault::Calibration(CalibrationFault::CalibrationAway { file, .. }) => {
+        // The advice of the check states how the file is made.
+        SetupFault::CalibrationAway { file, .. } => {
             format!("{} does not exist", file.display())
         }
         other => other.to_string(),
     };
-    Check::failed(
+    ExaminedItem::failed(
         format!("calibration of the {name}"),
         found,
         "`panelprep calibrate --help` describes how to make this calibration",
     )
 }
 
-fn verification_check((files, store): (&CellFiles, Option<&Store>), subject: &str, hash: &str) -> Check {
+fn verification_check((files, store): (&CellFiles, Option<&Store>), subject: &str, hash: &str) -> ExaminedItem {
     let name = format!("calibration of the {subject}");
     let last = match store.map(|store| store.newest_verification(subject)) {
         Some(Ok(last)) => last,
         _ => {
-            return Check::failed(
+            return ExaminedItem::failed(
                 name,
                 "not verified: the store contains no verification",
                 "teach the panel, then verify",
@@ -170,19 +174,19 @@ fn verification_check((files, store): (&CellFiles, Option<&Store>), subject: &st
         (Some(reason), _) => {
             let (found, advice) =
                 reason.message.rsplit_once("; ").unwrap_or((&reason.message, "verify this calibration again"));
-            Check::failed(name, found, advice)
+            ExaminedItem::failed(name, found, advice)
         }
         (None, Some(last)) => {
             let age_h = (now - last.at_unix_s) as f64 / 3600.0;
-            Check::passed(name, format!("deviation {:.3} mm, verified {age_h:.1} h ago", last.error))
+            ExaminedItem::passed(name, format!("deviation {:.3} mm, verified {age_h:.1} h ago", last.error))
         }
-        (None, None) => Check::failed(name, "never verified", "run `panelprep calibrate verify`"),
+        (None, None) => ExaminedItem::failed(name, "never verified", "run `panelprep calibrate verify`"),
     }
 }
 
 /// The results of the checks of the controller's files.
 pub(super) struct Programs {
-    pub checks: Vec<Check>,
+    pub checks: Vec<ExaminedItem>,
     /// The checksum that a controller with these files reports.
     pub sum: Option<i32>,
     /// Whether all files exist and agree with each other and with the cell file.
@@ -197,8 +201,8 @@ pub(super) fn kuka(folder: Option<&Path>, cell: &Cell) -> Programs {
     let nothing = |check| Programs { checks: vec![check], sum: None, agree: false };
     let Some(folder) = folder else {
         return nothing(match cell.robot().kind() {
-            RobotKind::Mock => Check::passed(KUKA, "not needed: the mock robot uses built-in files"),
-            RobotKind::Eki => Check::open(
+            RobotKind::Mock => ExaminedItem::passed(KUKA, "not needed: the mock robot uses built-in files"),
+            RobotKind::Eki => ExaminedItem::open(
                 KUKA,
                 "",
                 "copy CELLCMD.xml, CELLSTAT.xml and all .src and .dat files of Panelprep from the controller into a folder and name this folder with --kuka",
@@ -219,7 +223,7 @@ pub(super) fn kuka(folder: Option<&Path>, cell: &Cell) -> Programs {
         );
         checks.extend(problems.into_iter().map(|problem| {
             let found = format!("line {}: {}: {}", problem.line, problem.key, problem.message);
-            Check::failed(
+            ExaminedItem::failed(
                 format!("{KUKA}: {name}"),
                 found,
                 "correct the file of the controller or the cell's file, so that both agree",
@@ -227,7 +231,11 @@ pub(super) fn kuka(folder: Option<&Path>, cell: &Cell) -> Programs {
         }));
     }
     checks.extend(not_compared.into_iter().map(|why| {
-        Check::failed(format!("{KUKA}: not compared"), why, "write the controller's address as host of [robot]")
+        ExaminedItem::failed(
+            format!("{KUKA}: not compared"),
+            why,
+            "write the controller's address as host of [robot]",
+        )
     }));
     let is_wrong = checks.iter().any(|check| !check.is_passed());
     let sum = match program_sum(&named) {
@@ -236,28 +244,31 @@ pub(super) fn kuka(folder: Option<&Path>, cell: &Cell) -> Programs {
         Err(SumError::Missing(_) | SumError::Value { .. } | SumError::UserEdited { .. }) if is_wrong => None,
         Err(error) => {
             let advice = "copy all KRL programs of one release of this program's config/kuka to the controller";
-            checks.push(Check::failed(format!("{KUKA}: programs"), error.to_string(), advice));
+            checks.push(ExaminedItem::failed(format!("{KUKA}: programs"), error.to_string(), advice));
             None
         }
     };
     let agree = sum.is_some() && !is_wrong;
     checks.extend(sum.map(|sum| check_program_checksum(sum, cell.robot().programs_sum())));
     if checks.iter().all(|check| check.is_passed()) {
-        checks.insert(0, Check::passed(KUKA, "agree with the cell's file and with the protocol of this program"));
+        checks.insert(
+            0,
+            ExaminedItem::passed(KUKA, "agree with the cell's file and with the protocol of this program"),
+        );
     }
     Programs { checks, sum, agree }
 }
 
-/// Reads the controller's files; a missing file is a failed check. sps.sub, KUKA's own program of the submit
-/// interpreter, is also read, because it must call the cell's programs: otherwise a stop may not be processed at all.
-fn read_files(folder: &Path) -> (Vec<(&'static str, String)>, Vec<Check>) {
+/// Reads the controller's files; a missing one is a check that failed. Without KUKA's own program of the submit
+/// interpreter it is not known whether a stop is received at all.
+fn read_files(folder: &Path) -> (Vec<(&'static str, String)>, Vec<ExaminedItem>) {
     let (mut texts, mut checks) = (Vec::new(), Vec::new());
     for name in [CONFIG].into_iter().chain(PROGRAMS).chain([USER, COMMANDS, STATES]) {
         match disk::read_controller_text(&folder.join(name)) {
             Ok(text) => texts.push((name, text)),
             Err(error) => {
                 let advice = format!("copy {name} as it is on the controller into this folder");
-                checks.push(Check::failed(format!("{KUKA}: {name}"), error.to_string(), advice));
+                checks.push(ExaminedItem::failed(format!("{KUKA}: {name}"), error.to_string(), advice));
             }
         }
     }
@@ -266,13 +277,13 @@ fn read_files(folder: &Path) -> (Vec<(&'static str, String)>, Vec<Check>) {
         let why =
             ": not in the folder, so not compared; whether it calls CELL_INIT( ) and CELL_CYCLE( ) is not known";
         let advice = "copy KRC/R1/System/sps.sub as it is on the controller into this folder";
-        checks.push(Check::open(submit, why, advice));
+        checks.push(ExaminedItem::open(submit, why, advice));
         return (texts, checks);
     }
     match disk::read_controller_text(&folder.join(SUBMIT)) {
         Ok(text) => texts.push((SUBMIT, text)),
         Err(error) => {
-            checks.push(Check::failed(submit, error.to_string(), "copy it again as it is on the controller"))
+            checks.push(ExaminedItem::failed(submit, error.to_string(), "copy it again as it is on the controller"))
         }
     }
     (texts, checks)
@@ -288,20 +299,21 @@ fn addresses_of(host: &str) -> Vec<[u8; 4]> {
     four.collect()
 }
 
-/// Checks which stage of the controller's acceptance tests is signed, and what is missing for a cycle on a panel.
-pub(super) fn proofs(cell: &Cell) -> Check {
+/// Checks which stage of the controller's proofs is signed, and what is missing for a cycle on a panel.
+pub(super) fn proofs(cell: &Cell) -> ExaminedItem {
     let (name, robot) = ("proofs", cell.robot());
     if robot.kind() == RobotKind::Mock {
-        return Check::passed(name, "not needed: the mock robot inside the program moves no arm");
+        return ExaminedItem::passed(name, "not needed: the mock robot inside the program moves no arm");
     }
-    match robot.check_stage_signed(ProofStage::C) {
-        Ok(()) => {
-            Check::passed(name, "stage C is signed for the accepted programs: a cycle on a panel is permitted")
-        }
+    match robot.requires_signed(ProofStage::C) {
+        Ok(()) => ExaminedItem::passed(
+            name,
+            "stage C is signed for the accepted programs: a cycle on a panel is permitted",
+        ),
         Err(Unsigned { signed, why, .. }) => {
             let permitted = signed.map_or("no motion in automatic mode", ProofStage::permits);
             let next = ProofStage::after(signed).letter();
-            Check::failed(
+            ExaminedItem::failed(
                 name,
                 format!("{why}; permitted: {permitted}"),
                 format!(
@@ -313,28 +325,28 @@ pub(super) fn proofs(cell: &Cell) -> Check {
     }
 }
 
-/// Checks whether the controller's programs can be accepted: the files must agree with the cell file, and a real
-/// controller must report their checksum. The result then contains the line for the cell file; nothing is written.
-pub(super) fn acceptance(programs: &Programs, reported: Option<i32>, cell_file: &Path) -> Check {
+/// Judges whether the controller's programs can be accepted: the files must agree with the cell's file, and a real
+/// controller must report their checksum. The result then contains the line for the cell's file; nothing is written.
+pub(super) fn acceptance(programs: &Programs, reported: Option<i32>, cell_file: &Path) -> ExaminedItem {
     let name = "acceptance";
     let advice = "correct the checks that failed above, then run this again with --accept";
     match (programs.sum.filter(|_| programs.agree), reported) {
-        (None, _) => Check::failed(
+        (None, _) => ExaminedItem::failed(
             name,
             "refused: the controller's files do not all agree with the cell's file, or were not all compared",
             advice,
         ),
-        (Some(sum), None) => Check::failed(
+        (Some(sum), None) => ExaminedItem::failed(
             name,
             format!("refused: the files have the checksum {sum}, and no real controller reports a checksum"),
             "connect the controller, and stop the service meanwhile, because a controller serves one client",
         ),
-        (Some(sum), Some(reported)) if sum != reported => Check::failed(
+        (Some(sum), Some(reported)) if sum != reported => ExaminedItem::failed(
             name,
             format!("refused: the files have the checksum {sum}, and the controller reports {reported}"),
             "cold-start the controller with these files, or copy its files again",
         ),
-        (Some(sum), Some(_)) => Check::passed(
+        (Some(sum), Some(_)) => ExaminedItem::passed(
             name,
             format!(
                 "the files agree, and the controller reports their checksum; add to [robot] of {}: programs_sum = {sum}",
@@ -344,14 +356,14 @@ pub(super) fn acceptance(programs: &Programs, reported: Option<i32>, cell_file: 
     }
 }
 
-/// Compares the checksum of the files with the checksum at the acceptance of the cell.
-fn check_program_checksum(sum: i32, kept: Option<i32>) -> Check {
+/// Compares the checksum of the files with the one with which the cell was accepted.
+fn check_program_checksum(sum: i32, kept: Option<i32>) -> ExaminedItem {
     let name = format!("{KUKA}: programs");
     match kept {
         Some(kept) if kept == sum => {
-            Check::passed(name, format!("checksum {sum}, the same as at the acceptance of the cell"))
+            ExaminedItem::passed(name, format!("checksum {sum}, the same as at the acceptance of the cell"))
         }
-        Some(kept) => Check::failed(
+        Some(kept) => ExaminedItem::failed(
             name,
             format!(
                 "checksum {sum}, but the cell was accepted with {kept}: programs or cell_config.dat have changed since \
@@ -359,7 +371,7 @@ fn check_program_checksum(sum: i32, kept: Option<i32>) -> Check {
             ),
             "accept the cell again, then set programs_sum in [robot]; or restore the files of the acceptance",
         ),
-        None => Check::failed(
+        None => ExaminedItem::failed(
             name,
             format!(
                 "checksum {sum}, but the cell's file states none: a change of the programs would not be detected"

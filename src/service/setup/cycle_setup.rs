@@ -1,6 +1,6 @@
 //! The constant data of a cell and of a cycle, which are read once.
 
-use super::error::DaemonError;
+use super::fault::SetupFault;
 use super::proof_gate::ProofGate;
 use super::wiring::Wiring;
 use crate::requirements::recipe_fits::check_force;
@@ -70,9 +70,9 @@ impl CellSetup {
     /// Reads the values from the cell's file.
     ///
     /// # Errors
-    /// If the cell's file does not contain everything that a cycle needs.
-    pub fn new(cell: &Cell) -> Result<Self, DaemonError> {
-        cell.limits().workspace().ok_or(DaemonError::NotStated { key: "limits.box_min_mm" })?;
+    /// If the cell's file does not name everything that a cycle needs.
+    pub fn new(cell: &Cell) -> Result<Self, SetupFault> {
+        cell.limits().workspace().ok_or(SetupFault::NotStated { key: "limits.box_min_mm" })?;
         Ok(CellSetup {
             limits: cell.limits().clone(),
             arm: cell.arm().clone(),
@@ -86,7 +86,7 @@ impl CellSetup {
             programs_sum: cell.robot().programs_sum(),
             proofs: ProofGate::Controller(cell.robot().clone()),
             tool: cell.tool().compliant().cloned(),
-            park_pose: cell.park_pose().ok_or(DaemonError::NotStated { key: "poses.park" })?,
+            park_pose: cell.park_pose().ok_or(SetupFault::NotStated { key: "poses.park" })?,
             ready_pose: cell.pose("ready"),
         })
     }
@@ -133,14 +133,14 @@ impl CycleSetup {
         recipe: Recipe,
         (panel, corners): (TaughtPanel, Vec<TaughtCorner>),
         (calibrations, lens): (Calibrations, LensExtent),
-    ) -> Result<Self, DaemonError> {
-        check_force(cell.tool.as_ref(), &recipe)?;
+    ) -> Result<Self, SetupFault> {
+        force_fits(cell.tool.as_ref(), &recipe)?;
         if corners.is_empty() {
-            return Err(DaemonError::NoCorner);
+            return Err(SetupFault::NoCorner);
         }
         let pixels = corners.iter().map(|corner| corner.teaching_data.reference_px);
         if let Some(reason) = health::lens_extent_refusal(&lens, pixels) {
-            return Err(DaemonError::CornerOutsideOfLens(reason.message));
+            return Err(SetupFault::CornerOutsideOfLens(reason.message));
         }
         let removed_before = EarlierRemoval::default();
         let taught_model = Arc::default();

@@ -12,14 +12,14 @@
 //! tolerated because feedbacks may change for a short time: a flow switch flutters, and a sander slows down when it
 //! touches the panel. An output that is being switched is checked by its own action.
 
-use super::DaemonError;
+use super::fault::SetupFault;
 use panelprep_base::verdict::Reason;
 use panelprep_cell::cell::{Feedback, InputsOutputs, Output};
 use panelprep_cell::cycle::{Facts, Switch};
 use panelprep_kuka::eki::{Signal, State};
 
-/// Name of the output that rinses off the dust, if the cell has one.
-pub(super) const RINSE_OUTPUT_NAME: &str = "rinse";
+/// The name of the output that rinses off the dust, if the cell has one.
+pub(crate) const RINSE: &str = "rinse";
 
 /// An output: its number, its bit in `Out` of the state message, the bit of the feedback that proves it, and the bit of
 /// the opposite feedback, if there is one.
@@ -44,8 +44,8 @@ pub struct Wiring {
 
 /// The state of a device, from its output and its feedback together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum DeviceReading {
-    /// The cell has no output for this device, and no feedback reports that the device is on.
+pub(crate) enum DeviceReading {
+    /// The cell has no such output, and no feedback reports that the device is on.
     NotWired,
     /// The state is not proven: there is no feedback, or output and feedback contradict each other.
     Open,
@@ -55,8 +55,8 @@ pub(super) enum DeviceReading {
 
 /// The bits by which a state message proves a switch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct SwitchProof {
-    /// The bits of `Out` that belong to the switch; `outputs_on` are those that must be on.
+pub(crate) struct SwitchProof {
+    /// The bits of `Out` that belong to the switch; `outputs_on` contains those that must be on.
     outputs: u32,
     outputs_on: u32,
     feedback: Option<(u32, bool)>,
@@ -65,7 +65,7 @@ pub(super) struct SwitchProof {
 
 /// The reported state of a switch's outputs and feedbacks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct SwitchFeedback {
+pub(crate) struct SwitchFeedback {
     /// Whether the outputs are reported as they were set.
     pub outputs: bool,
     /// The value of the feedback, if there is one.
@@ -75,8 +75,8 @@ pub(super) struct SwitchFeedback {
 }
 
 impl SwitchProof {
-    /// Returns whether this state reports the outputs as they were set, and the values of the feedbacks.
-    pub(super) fn read_feedback(&self, state: &State) -> SwitchFeedback {
+    /// Returns what the state reports: whether the outputs are as they were set, and the values of the feedbacks.
+    pub(crate) fn read_feedback(&self, state: &State) -> SwitchFeedback {
         let read = |feedback: Option<(u32, bool)>| feedback.map(|(bit, _)| is_input_on(state, bit));
         SwitchFeedback {
             outputs: state.outputs & self.outputs == self.outputs_on,
@@ -86,7 +86,7 @@ impl SwitchProof {
     }
 
     /// Returns whether this state proves the switch.
-    pub(super) fn is_satisfied(&self, state: &State) -> bool {
+    pub(crate) fn is_satisfied(&self, state: &State) -> bool {
         let expected = |feedback: Option<(u32, bool)>| feedback.map(|(_, on)| on);
         let reading = self.read_feedback(state);
         reading.outputs
@@ -101,8 +101,8 @@ impl Wiring {
     /// otherwise the spray is used. If the cell has a feedback `light_on`, it proves the light.
     ///
     /// # Errors
-    /// If one of these names is missing in the cell's file.
-    pub fn from_io(io: &InputsOutputs) -> Result<Self, DaemonError> {
+    /// If the cell lacks one of these names.
+    pub fn from_io(io: &InputsOutputs) -> Result<Self, SetupFault> {
         let wiring = Wiring::from_available_io(io);
         let needed = [
             (Output::Light, wiring.light, None),
@@ -114,17 +114,17 @@ impl Wiring {
         for (output, wire, feedback) in needed {
             if let Some(name) = feedback.filter(|feedback| io.feedback_bit(*feedback).is_none()).map(Feedback::name)
             {
-                return Err(DaemonError::NotWired { table: "io.feedbacks", name });
+                return Err(SetupFault::NotWired { table: "io.feedbacks", name });
             }
             if wire.is_none() {
-                return Err(DaemonError::NotWired { table: "io.outputs", name: output.name() });
+                return Err(SetupFault::NotWired { table: "io.outputs", name: output.name() });
             }
         }
         Ok(wiring)
     }
 
-    /// Like `from_io`, but uses only the names that are in the cell's file.
-    pub(super) fn from_available_io(io: &InputsOutputs) -> Self {
+    /// Does the same as `from_io`, but only for the names that the cell has.
+    pub(crate) fn from_available_io(io: &InputsOutputs) -> Self {
         let wire = |number: Option<u16>, output: Output| {
             let number = number?;
             let (bit, feedback) = (io.output_bit(number)?, io.feedback_bit(output.feedback()));
@@ -147,7 +147,7 @@ impl Wiring {
 
     /// Returns the state of the device that these two switches control; `feedback_on` is the value of the feedback
     /// while the device is on.
-    pub(super) fn reading(
+    pub(crate) fn reading(
         &self,
         (on, off): (Switch, Switch),
         (feedback, feedback_on): (Option<u32>, bool),
@@ -164,13 +164,13 @@ impl Wiring {
     }
 
     /// Returns the signals that a switch sets, in order.
-    pub(super) fn signals(&self, switch: Switch) -> Vec<Signal> {
+    pub(crate) fn signals(&self, switch: Switch) -> Vec<Signal> {
         let wires = self.switch_wires(switch).into_iter().flatten();
         wires.map(|(wire, on)| Signal { number: wire.output, on }).collect()
     }
 
-    /// Returns the bits with which a state message proves this switch.
-    pub(super) fn switch_proof(&self, switch: Switch) -> SwitchProof {
+    /// Returns the bits that a state message must contain to prove this switch.
+    pub(crate) fn switch_proof(&self, switch: Switch) -> SwitchProof {
         let mut proof = SwitchProof { outputs: 0, outputs_on: 0, feedback: None, opposite: None };
         for (wire, on) in self.switch_wires(switch).into_iter().flatten() {
             let bit = 1u32.checked_shl(wire.bit).unwrap_or(0);
@@ -210,19 +210,19 @@ impl Wiring {
         [other, wire.map(|wire| (wire, on))]
     }
 
-    /// Returns whether the outputs of both nozzles and the feedback report that no water flows.
-    pub(super) fn water_is_off(&self, state: &State) -> bool {
+    /// Returns whether the outputs of both nozzles and the feedback report that no water runs.
+    pub(crate) fn water_is_off(&self, state: &State) -> bool {
         self.switch_proof(Switch::WaterOff).is_satisfied(state)
     }
 
     /// Returns whether the tool's output and its feedback report that the tool has stopped.
-    pub(super) fn tool_is_off(&self, state: &State) -> bool {
+    pub(crate) fn tool_is_off(&self, state: &State) -> bool {
         self.switch_proof(Switch::ToolOff).is_satisfied(state)
     }
 }
 
 /// Returns whether this mapped input is on.
-pub(super) fn is_input_on(state: &State, bit: u32) -> bool {
+pub(crate) fn is_input_on(state: &State, bit: u32) -> bool {
     state.inputs >> bit & 1 == 1
 }
 
@@ -231,11 +231,11 @@ const CONTRADICTION_LIMIT_MS: u32 = 500;
 
 /// An output whose proof is contradicted, and the time since when, on the controller's clock, ms.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct FeedbackContradiction(Option<(Switch, u32)>);
+pub(crate) struct FeedbackContradiction(Option<(Switch, u32)>);
 
 impl FeedbackContradiction {
     /// Returns the output that the robot's states, including this one, have contradicted for longer than the limit.
-    pub(super) fn update(&mut self, wiring: &Wiring, facts: &Facts, state: &State) -> Option<Switch> {
+    pub(crate) fn update(&mut self, wiring: &Wiring, facts: &Facts, state: &State) -> Option<Switch> {
         let now_ms = state.time_ms;
         // Only proven switches are compared, because during switching the feedback is expected to differ.
         let contrary = facts.proven_switches().find(|switch| !wiring.switch_proof(*switch).is_satisfied(state));
@@ -282,8 +282,8 @@ fn describe_state(switch: Switch, wiring: &Wiring, state: &State) -> String {
     std::iter::once(output_words).chain(words).collect()
 }
 
-/// Returns the reason with the proven fact that is no longer true, and what to check.
-pub(super) fn contrary_reason(switch: Switch, wiring: &Wiring, state: &State) -> Reason {
+/// Returns the reason: the proven fact that is not true any more, and what to check.
+pub(crate) fn contrary_reason(switch: Switch, wiring: &Wiring, state: &State) -> Reason {
     let ((was_proven, _), tells) = (describe_switch(switch), describe_state(switch, wiring, state));
     let contrary_s = f64::from(CONTRADICTION_LIMIT_MS) / 1_000.0;
     let message = format!(
@@ -292,9 +292,9 @@ pub(super) fn contrary_reason(switch: Switch, wiring: &Wiring, state: &State) ->
     Reason::new("feedback", message)
 }
 
-/// Returns the reason with the command that was not proven before its deadline, and what to check. `None` if this state
-/// proves the command.
-pub(super) fn unproven_reason(switch: Switch, wiring: &Wiring, state: &State) -> Option<Reason> {
+/// Returns the reason: what was commanded and not proven before its deadline, and what to check. `None` if the state
+/// reports it now.
+pub(crate) fn unproven_reason(switch: Switch, wiring: &Wiring, state: &State) -> Option<Reason> {
     if wiring.switch_proof(switch).is_satisfied(state) {
         return None;
     }
@@ -306,7 +306,7 @@ pub(super) fn unproven_reason(switch: Switch, wiring: &Wiring, state: &State) ->
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::daemon::tests::standing_state;
+    use crate::setup::testing::standing_state;
     use panelprep_cell::cell::Cell;
     use panelprep_cell::cycle::{Extraction, Lens, Light, Tool, Water};
 
@@ -344,7 +344,7 @@ mod tests {
     fn a_switch_is_proven_by_its_output_and_its_feedback() {
         let cell = Cell::check("cell.toml", IO).expect("good");
         let proof = Wiring::from_io(cell.inputs_outputs()).expect("complete").switch_proof(Switch::ToolOn);
-        let state = |outputs, inputs| State { outputs, inputs, ..crate::daemon::tests::standing_state() };
+        let state = |outputs, inputs| State { outputs, inputs, ..crate::setup::testing::standing_state() };
         assert!(proof.is_satisfied(&state(0b1_0000, 0b0100)));
         assert!(!proof.is_satisfied(&state(0b1_0000, 0)), "the tool does not turn");
         assert!(!proof.is_satisfied(&state(0b0_1000, 0b0100)), "it was another output");
@@ -389,7 +389,7 @@ mod tests {
             (0b0_0010, 0b0001, true, false),
             (0b0_0000, 0b0000, true, false),
         ] {
-            let state = State { outputs, inputs, ..crate::daemon::tests::standing_state() };
+            let state = State { outputs, inputs, ..crate::setup::testing::standing_state() };
             let found = (wiring.tool_is_off(&state), wiring.water_is_off(&state));
             assert_eq!(found, (tool_off, water_off), "Out {outputs:05b}, In {inputs:04b}");
         }
@@ -407,14 +407,14 @@ mod tests {
         for (inputs, by_one, by_both) in
             [(0b0_0000, true, false), (0b1_0000, true, true), (0b1_0100, false, false), (0b0_0100, false, false)]
         {
-            let state = State { inputs, ..crate::daemon::tests::standing_state() };
+            let state = State { inputs, ..crate::setup::testing::standing_state() };
             assert_eq!((one.tool_is_off(&state), both.tool_is_off(&state)), (by_one, by_both), "{inputs:05b}");
         }
         let runs = |inputs| {
             both.switch_proof(Switch::ToolOn).is_satisfied(&State {
                 inputs,
                 outputs: 0b1_0000,
-                ..crate::daemon::tests::standing_state()
+                ..crate::setup::testing::standing_state()
             })
         };
         assert_eq!([runs(0b0_0100), runs(0b1_0100)], [true, false]);
@@ -425,7 +425,7 @@ mod tests {
         let text = IO.replace("tool_running = 20\n", "");
         let cell = Cell::check("cell.toml", &text).expect("good");
         let error = Wiring::from_io(cell.inputs_outputs()).expect_err("missing");
-        assert!(matches!(error, DaemonError::NotWired { table: "io.feedbacks", name: "tool_running" }), "{error}");
+        assert!(matches!(error, SetupFault::NotWired { table: "io.feedbacks", name: "tool_running" }), "{error}");
     }
 
     const FEEDBACK_IO: &str = "[io.outputs]\nlight = 1\nspray = 2\nlens_shutter = 3\nextraction = 4\ntool = 5\n\

@@ -1,24 +1,27 @@
 //! The checks of `panelprep doctor` for systems outside the cell: production line, office server, quality system and
 //! MQTT broker. They read the files for these systems and connect to the servers without a login; no data is sent.
 
-use super::check::Check;
-use crate::cli::connecting::connected;
-use crate::cli::fault::DeviceFault;
+use super::check::ExaminedItem;
+use crate::setup::SetupFault;
 use panelprep_base::disk;
 use panelprep_base::trust::{self, TrustError};
 use panelprep_cell::cell::{Broker, BrokerLogin, Cell, authority};
 use panelprep_cell::recipe::Recipe;
+use std::io::{Error, ErrorKind};
+use std::net::{TcpStream, ToSocketAddrs};
 use std::path::{Path, PathBuf};
+use std::sync::mpsc;
+use std::thread;
 use std::time::Duration;
 
 /// Time limit for opening a connection to a server.
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(3);
 
-/// Checks all plant connections that the cell file names.
-pub(super) fn check_connections(cell: &Cell) -> Vec<Check> {
+/// Checks all plant connections that the cell's file names.
+pub(super) fn check_connections(cell: &Cell) -> Vec<ExaminedItem> {
     let mut checks = Vec::new();
-    if let Some(fault) = DeviceFault::missing_plant(cell) {
-        checks.push(Check::failed("plant", fault.to_string(), "use the program of the package"));
+    if let Some(fault) = SetupFault::missing_plant(cell) {
+        checks.push(ExaminedItem::failed("plant", fault.to_string(), "use the program of the package"));
     }
     checks.extend(cell.line().map(|line| recipe(&line.recipe)));
     if let Some(office) = cell.office() {
@@ -59,7 +62,7 @@ fn broker_files(broker: &Broker) -> Result<(), TrustError> {
     }
 }
 
-fn recipe(file: &Path) -> Check {
+fn recipe(file: &Path) -> ExaminedItem {
     const NAME: &str = "line";
     let text = disk::read(file).map_err(|error| format!("{}: {error}", file.display()));
     let text = text.and_then(|bytes| {
@@ -69,11 +72,11 @@ fn recipe(file: &Path) -> Check {
         Recipe::check(&file.display().to_string(), &text).map_err(|problems| problems.to_string())
     });
     match checked {
-        Ok(recipe) => Check::passed(
+        Ok(recipe) => ExaminedItem::passed(
             NAME,
             format!("the line requests cycles of panel {}, recipe {}", recipe.panel(), file.display()),
         ),
-        Err(problem) => Check::failed(
+        Err(problem) => ExaminedItem::failed(
             NAME,
             problem,
             "set [line] recipe to a valid recipe of this cell; until then, each start that the line requests is refused",
@@ -81,22 +84,48 @@ fn recipe(file: &Path) -> Check {
     }
 }
 
-fn check_reachable(name: &'static str, files: Result<(), TrustError>, address: String) -> Check {
+fn check_reachable(name: &'static str, files: Result<(), TrustError>, address: String) -> ExaminedItem {
     if let Err(problem) = files {
-        return Check::failed(
+        return ExaminedItem::failed(
             name,
             problem.to_string(),
             "correct this file, or name another file in the cell's file",
         );
     }
-    match connected(address.clone(), CONNECT_TIMEOUT) {
-        Ok(()) => Check::passed(name, format!("{address} accepts connections")),
+    match accept_connection(address.clone(), CONNECT_TIMEOUT) {
+        Ok(()) => ExaminedItem::passed(name, format!("{address} accepts connections")),
         Err(problem) => {
             let advice = "check the address in the cell's file, the network, and whether the server runs; the cell \
                           works without this server";
-            Check::failed(name, format!("{address}: {problem}"), advice)
+            ExaminedItem::failed(name, format!("{address}: {problem}"), advice)
         }
     }
+}
+
+/// Connects to the first of the addresses of `place` that accepts the connection. Each attempt has this time limit;
+/// the look-up of the name has the same limit.
+///
+/// # Errors
+/// The reason, as text, if no address accepted the connection.
+pub fn accept_connection(place: impl ToSocketAddrs + Send + 'static, within: Duration) -> Result<(), String> {
+    let (sender, receiver) = mpsc::channel();
+    // A separate thread, because the look-up of a name may last minutes.
+    thread::spawn(move || {
+        let connect = || {
+            let mut last = Error::new(ErrorKind::NotFound, "the host name has no address");
+            for address in place.to_socket_addrs()? {
+                match TcpStream::connect_timeout(&address, within) {
+                    Ok(_) => return Ok(()),
+                    Err(error) => last = error,
+                }
+            }
+            Err(last)
+        };
+        sender.send(connect().map_err(|error: Error| error.to_string()))
+    });
+    receiver
+        .recv_timeout(2 * within)
+        .unwrap_or_else(|_| Err(format!("no answer within {} s", 2 * within.as_secs())))
 }
 
 #[cfg(test)]

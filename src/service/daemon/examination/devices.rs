@@ -6,11 +6,12 @@
 //! reply. For the tool they report whether it responds without a fault; the tool stays retracted, and nothing is
 //! pressed.
 
-use super::check::{self, Check};
-use crate::cli::fault::Fault;
-use crate::cli::load::{CellFiles, LoadedCalibration};
-use crate::cli::shoot::opening;
-use crate::cli::{ctl, live};
+use super::check::{self, ExaminedItem};
+use crate::daemon::camera_lease::RemoteScanner;
+use crate::daemon::client::service_state;
+use crate::daemon::ports::LinkedRobot;
+use crate::daemon::single::{SingleError, SingleRobot};
+use crate::setup::{CellFiles, LoadedCalibration, SetupFault, cameras as opening, zivid};
 use panelprep_base::geometry::{ColorPicture, PinholeCamera};
 use panelprep_base::number_text::fixed_decimals;
 use panelprep_cell::cell::{Camera, Cell, CompliantTool, Gige, RobotKind, ZividCamera};
@@ -19,19 +20,20 @@ use panelprep_devices::acf::{AcfLink, ConnectedTool as _, ToolReport};
 use panelprep_devices::cameras::{CameraError, RecordedFlangeCamera, RecordedScanner, Scanner as _};
 use panelprep_devices::zivid::{AnswerTimeouts, ZividFault, ZividScanner};
 use panelprep_kuka::eki::LinkLoss;
-use panelprep_service::daemon::{RemoteScanner, SingleError, SingleRobot};
 use std::time::{Duration, Instant};
 
-/// Judges a camera that the service uses, from the service's reply to a request for a picture. No picture is requested
-/// while the cell is working.
-fn judge_shot_reply(name: &str, state: &str, taken: Result<ColorPicture, CameraError>) -> Check {
+/// Judges a camera that the service uses, from the result of a request for a shot; a cell that is at work is not
+/// disturbed.
+fn judge_shot_reply(name: &str, state: &str, taken: Result<ColorPicture, CameraError>) -> ExaminedItem {
     let holder = format!("in use by the service, state {state}");
     match taken {
-        Ok(picture) => Check::passed(name, format!("{holder}: delivers {}×{}", picture.width, picture.height)),
-        Err(CameraError::AtWork) => {
-            Check::passed(name, format!("{holder}; no test picture was taken, because the cell is working"))
+        Ok(picture) => {
+            ExaminedItem::passed(name, format!("{holder}: delivers {}×{}", picture.width, picture.height))
         }
-        Err(error) => Check::failed(
+        Err(CameraError::AtWork) => {
+            ExaminedItem::passed(name, format!("{holder}; no test picture was taken, because the cell is working"))
+        }
+        Err(error) => ExaminedItem::failed(
             name,
             format!("{holder}: {error}"),
             "check the camera's power, cable and address; read the service's log",
@@ -39,8 +41,8 @@ fn judge_shot_reply(name: &str, state: &str, taken: Result<ColorPicture, CameraE
     }
 }
 
-/// Checks both cameras, and the socket buffers that a network camera needs.
-pub(super) fn cameras(files: &CellFiles, warm_up: bool) -> Vec<Check> {
+/// Checks both cameras, and the sockets that a network camera needs.
+pub(super) fn cameras(files: &CellFiles, warm_up: bool) -> Vec<ExaminedItem> {
     let scanner = match files.cell.scanner() {
         Camera::Simulated => vec![simulated_check("scanner")],
         Camera::Recorded { folder } => {
@@ -65,55 +67,59 @@ pub(super) fn cameras(files: &CellFiles, warm_up: bool) -> Vec<Check> {
 /// Opens the camera and waits for its first complete picture; if the service uses the camera, the service captures the
 /// picture. Also returns the picture size if it is known, from the calibration or from the camera itself.
 #[cfg(feature = "gige")]
-fn gige_camera(files: &CellFiles, gige: &Gige) -> (Check, Option<[usize; 2]>) {
-    use judge_shot_reply;
+fn gige_camera(files: &CellFiles, gige: &Gige) -> (ExaminedItem, Option<[usize; 2]>) {
+    use crate::daemon::camera_lease::BorrowedFlangeCamera;
     use panelprep_devices::cameras::FlangeCamera as _;
-    use panelprep_service::daemon::BorrowedFlangeCamera;
     let name = "flange camera";
     let calibrated = || files.flange_camera().ok().map(|lens| [lens.value.width_px, lens.value.height_px]);
-    if let Some(state) = ctl::service_state(&files.socket()) {
+    if let Some(state) = service_state(&files.socket()) {
         let taken = BorrowedFlangeCamera::new(files.socket()).capture();
         return (judge_shot_reply(name, &state, taken.map(|taken| taken.picture)), calibrated());
     }
     let opened = opening::lens(files.flange_camera()).and_then(|lens| {
-        let open = |lens: &PinholeCamera| live::gige_camera(&files.cell, gige, lens);
+        let open = |lens: &PinholeCamera| opening::gige_camera(&files.cell, gige, lens);
         opening::open_with_size(lens, open, |camera| camera.check_ready())
     });
     let whole =
-        opened.and_then(|(mut camera, size_px)| camera.check_ready().map(|()| size_px).map_err(Fault::stage));
+        opened.and_then(|(mut camera, size_px)| camera.check_ready().map(|()| size_px).map_err(SetupFault::stage));
     match whole {
         Ok([width, height]) => {
             let bytes = gige.packet_bytes;
             let found = format!("delivers {width}×{height} in packets of {bytes} bytes");
-            (Check::passed(name, found), Some([width, height]))
+            (ExaminedItem::passed(name, found), Some([width, height]))
         }
         Err(error) => {
             let advice = "check the camera's power, cable and address; end other camera programs; compare [flange_camera] with the camera";
-            (Check::failed(name, error.to_string(), advice), calibrated())
+            (ExaminedItem::failed(name, error.to_string(), advice), calibrated())
         }
     }
 }
 
 #[cfg(not(feature = "gige"))]
-fn gige_camera(_: &CellFiles, gige: &Gige) -> (Check, Option<[usize; 2]>) {
+fn gige_camera(_: &CellFiles, gige: &Gige) -> (ExaminedItem, Option<[usize; 2]>) {
     let which = gige.serial.as_ref().map_or("the only one found".to_owned(), |serial| format!("serial {serial}"));
     let found = format!("a GigE Vision camera, {which}: this program was built without the cargo feature gige");
-    (Check::failed("flange camera", found, "use a program with this feature, or set kind = \"recorded\""), None)
+    (
+        ExaminedItem::failed("flange camera", found, "use a program with this feature, or set kind = \"recorded\""),
+        None,
+    )
 }
 
-fn simulated_check(name: &str) -> Check {
-    Check::passed(name, "simulated: the pictures are rendered")
+fn simulated_check(name: &str) -> ExaminedItem {
+    ExaminedItem::passed(name, "simulated: the pictures are rendered")
 }
 
 fn recorded_check(
     name: &str,
-    lens: Result<LoadedCalibration<PinholeCamera>, Fault>,
+    lens: Result<LoadedCalibration<PinholeCamera>, SetupFault>,
     open: impl Fn(PinholeCamera) -> Result<(), CameraError>,
-) -> Check {
+) -> ExaminedItem {
     let lens = opening::lens(lens).map(|lens| lens.unwrap_or_else(|| opening::camera_of_size([2, 2])));
-    match lens.and_then(|lens| open(lens).map_err(Fault::stage)) {
-        Ok(()) => Check::passed(name, "recorded: the shots are read from a recording"),
-        Err(error) => Check::failed(name, error.to_string(), "name the folder of a recording in the cell's file"),
+    match lens.and_then(|lens| open(lens).map_err(SetupFault::stage)) {
+        Ok(()) => ExaminedItem::passed(name, "recorded: the shots are read from a recording"),
+        Err(error) => {
+            ExaminedItem::failed(name, error.to_string(), "name the folder of a recording in the cell's file")
+        }
     }
 }
 
@@ -121,36 +127,42 @@ fn recorded_check(
 /// is queried instead of the robot.
 ///
 /// Also returns the checksum of the programs that a real controller reports.
-pub(super) fn robot_and_service(files: &CellFiles, sum: Option<i32>) -> (Vec<Check>, Option<i32>) {
-    match ctl::service_state(&files.socket()) {
+pub(super) fn robot_and_service(files: &CellFiles, sum: Option<i32>) -> (Vec<ExaminedItem>, Option<i32>) {
+    match service_state(&files.socket()) {
         Some(state) => {
             let robot = format!("in use by the service, which is {state}");
-            (vec![Check::passed("service", format!("runs: {state}")), Check::passed("robot", robot)], None)
+            (
+                vec![
+                    ExaminedItem::passed("service", format!("runs: {state}")),
+                    ExaminedItem::passed("robot", robot),
+                ],
+                None,
+            )
         }
         None => {
             let (robot, reported) = robot(&files.cell, sum);
-            (vec![robot, Check::passed("service", "does not run")], reported)
+            (vec![robot, ExaminedItem::passed("service", "does not run")], reported)
         }
     }
 }
 
-fn robot(cell: &Cell, sum: Option<i32>) -> (Check, Option<i32>) {
+fn robot(cell: &Cell, sum: Option<i32>) -> (ExaminedItem, Option<i32>) {
     if cell.robot().kind() == RobotKind::Mock {
-        return (Check::passed("robot", "a mock controller inside the program"), None);
+        return (ExaminedItem::passed("robot", "a mock controller inside the program"), None);
     }
     let (host, ports) = (cell.robot().host(), (cell.robot().command_port(), cell.robot().state_port()));
     let place = format!("{host}, ports {} and {}", ports.0, ports.1);
-    let (mut link, _) = match live::robot_alone(cell) {
-        Ok(alone) => alone,
+    let mut link = match LinkedRobot::start(cell) {
+        Ok(link) => link,
         Err(fault) => {
-            return (Check::failed("robot", fault.to_string(), "correct [robot] in the cell's file"), None);
+            return (ExaminedItem::failed("robot", fault.to_string(), "correct [robot] in the cell's file"), None);
         }
     };
     match SingleRobot::connect(&mut link, cell.arm()) {
         Ok(single) => {
             let state = single.state();
             if state.is_simulated() {
-                let check = Check::failed(
+                let check = ExaminedItem::failed(
                     "robot",
                     format!(
                         "{place}: a MOCK controller responds, which is no evidence about a real controller; mode {}",
@@ -161,7 +173,7 @@ fn robot(cell: &Cell, sum: Option<i32>) -> (Check, Option<i32>) {
                 return (check, None);
             }
             let check = match sum.filter(|sum| *sum != state.programs_checksum) {
-                Some(sum) => Check::failed(
+                Some(sum) => ExaminedItem::failed(
                     "robot",
                     format!(
                         "{place}: the controller answers, but runs other programs: checksum {}, the files have {sum}",
@@ -169,7 +181,7 @@ fn robot(cell: &Cell, sum: Option<i32>) -> (Check, Option<i32>) {
                     ),
                     "the controller executes other files than those in the folder of --kuka: cold-start the controller, or copy its files again",
                 ),
-                None => Check::passed(
+                None => ExaminedItem::passed(
                     "robot",
                     format!(
                         "{place}: the controller answers, mode {}, checksum of the programs {}",
@@ -182,7 +194,7 @@ fn robot(cell: &Cell, sum: Option<i32>) -> (Check, Option<i32>) {
         }
         Err(error) => {
             let advice = advice(&error);
-            (Check::failed("robot", format!("{place}: {error}"), advice), None)
+            (ExaminedItem::failed("robot", format!("{place}: {error}"), advice), None)
         }
     }
 }
@@ -217,24 +229,24 @@ fn advice(error: &SingleError) -> &'static str {
     }
 }
 
-/// Starts the worker of the camera, opens the camera, and captures a scan to warm it up. With `warm_up`, captures scans
-/// for ten minutes and observes the temperature of the camera.
-fn zivid_checks(files: &CellFiles, camera: &ZividCamera, warm_up: bool) -> Vec<Check> {
+/// Starts the camera's worker, opens the camera and takes a shot to warm it up. If requested, takes shots for ten
+/// minutes and follows the camera's temperature.
+fn zivid_checks(files: &CellFiles, camera: &ZividCamera, warm_up: bool) -> Vec<ExaminedItem> {
     let graphics = check::graphics_processor();
-    if let Some(state) = ctl::service_state(&files.socket()) {
+    if let Some(state) = service_state(&files.socket()) {
         let taken = RemoteScanner::new(files.socket()).capture_3d();
         return vec![graphics, judge_shot_reply("scanner", &state, taken.map(|taken| taken.cloud.picture()))];
     }
     let lens = opening::lens(files.scanner());
     let calibrated_px = lens.as_ref().ok().copied().flatten().map(|lens| lens.fx_px);
     let opened = lens.and_then(|lens| {
-        let open = |lens: &PinholeCamera| crate::cli::zivid::scanner(&files.cell, camera, lens);
+        let open = |lens: &PinholeCamera| zivid::scanner(&files.cell, camera, lens);
         opening::open_with_size(lens, open, opening::zivid_ready)
     });
     let mut scanner = match opened {
         Ok((scanner, _)) => scanner,
         Err(fault) => {
-            let wrong = Check::failed("scanner", fault.to_string(), "correct [scanner] in the cell's file");
+            let wrong = ExaminedItem::failed("scanner", fault.to_string(), "correct [scanner] in the cell's file");
             return vec![graphics, wrong];
         }
     };
@@ -242,7 +254,7 @@ fn zivid_checks(files: &CellFiles, camera: &ZividCamera, warm_up: bool) -> Vec<C
     let (found, own) = match ready.and_then(|()| Ok((scanner.temperatures()?, scanner.intrinsics()?))) {
         Ok(both) => both,
         Err(fault) => {
-            let wrong = Check::failed(
+            let wrong = ExaminedItem::failed(
                 "scanner",
                 fault.to_string(),
                 "see the requirements of the Zivid camera in src/devices/README.md",
@@ -250,7 +262,7 @@ fn zivid_checks(files: &CellFiles, camera: &ZividCamera, warm_up: bool) -> Vec<C
             return vec![graphics, wrong];
         }
     };
-    let light = match (scanner.measure_ambient_light(), crate::cli::zivid::checked_settings(camera)) {
+    let light = match (scanner.measure_ambient_light(), zivid::checked_settings(camera)) {
         (Ok(light), Ok(settings)) => check::judge_light(&light, &settings),
         (Err(fault), _) => check::unknown_light(&fault.to_string()),
         (_, Err(fault)) => check::unknown_light(&fault.to_string()),
@@ -265,13 +277,13 @@ fn zivid_checks(files: &CellFiles, camera: &ZividCamera, warm_up: bool) -> Vec<C
     let followed = if warm_up { warm_up_camera(&mut scanner, WARM_UP_TIME_AND_INTERVAL) } else { Ok(()) };
     let warm_up = match followed {
         Ok(()) => check::check_warm_up(scanner.temperature_state()),
-        Err(fault) => Check::failed(
+        Err(fault) => ExaminedItem::failed(
             "scanner's warmth",
             fault.to_string(),
             "repair the 3D camera, then run `panelprep doctor --warm-up` again",
         ),
     };
-    vec![graphics, Check::passed("scanner", reported), light, warm_up]
+    vec![graphics, ExaminedItem::passed("scanner", reported), light, warm_up]
 }
 
 /// Duration of a camera's warm-up (ten minutes, as the manufacturer states), and interval between two scans.
@@ -297,25 +309,25 @@ const NAME: &str = "compliant tool";
 /// Maximum time in which the tool responds and retracts.
 const RESPONSE_TIMEOUT: Duration = Duration::from_secs(3);
 
-/// Checks the tool of a cell; `None` if the tool is a spring. `served` is true if the service runs and uses the tool.
-pub(super) fn check_tool(cell: &Cell, served: bool) -> Option<Check> {
+/// Checks the tool of a cell; `None` if it is a spring. `served` states that the service runs and holds the tool.
+pub(super) fn check_tool(cell: &Cell, served: bool) -> Option<ExaminedItem> {
     let tool = cell.tool().compliant()?;
     Some(match &tool.address {
-        None => Check::passed(NAME, "simulated: the tool presses on the simulated panel"),
+        None => ExaminedItem::passed(NAME, "simulated: the tool presses on the simulated panel"),
         Some(_) if served => {
-            Check::passed(NAME, "in use by the service, which reports at a reset whether the tool is ready")
+            ExaminedItem::passed(NAME, "in use by the service, which reports at a reset whether the tool is ready")
         }
         Some(address) => match AcfLink::start(tool, address) {
             Ok(link) => wait_until_ready(tool, link),
             Err(error) => {
-                Check::failed(NAME, error.to_string(), "end the programs that use up the computer's threads")
+                ExaminedItem::failed(NAME, error.to_string(), "end the programs that use up the computer's threads")
             }
         },
     })
 }
 
-/// Waits until the tool is ready, but not longer than the time limit.
-fn wait_until_ready(tool: &CompliantTool, mut link: AcfLink) -> Check {
+/// Waits until the tool is ready, up to the time limit.
+fn wait_until_ready(tool: &CompliantTool, mut link: AcfLink) -> ExaminedItem {
     let began = Instant::now();
     let (mut last, mut lost): (Option<ToolReading>, Option<LinkLossCause>) = (None, None);
     while began.elapsed() < RESPONSE_TIMEOUT {
@@ -331,15 +343,19 @@ fn wait_until_ready(tool: &CompliantTool, mut link: AcfLink) -> Check {
     describe_tool_state(tool, last, lost)
 }
 
-/// Returns the check of the tool from its last measurement or the loss of its connection.
-fn describe_tool_state(tool: &CompliantTool, last: Option<ToolReading>, lost: Option<LinkLossCause>) -> Check {
+/// Describes the tool's state in words.
+fn describe_tool_state(
+    tool: &CompliantTool,
+    last: Option<ToolReading>,
+    lost: Option<LinkLossCause>,
+) -> ExaminedItem {
     let place =
         tool.address.as_ref().map_or(String::new(), |address| format!("{}, port {}", address.host, address.port));
     let Some(reading) = last.filter(|_| lost.is_none()) else {
         let why = lost.map_or("the tool does not respond".to_owned(), |loss| loss.to_string());
         let advice = "check the tool's power, cable and address (`ping`), end other programs that are connected to the \
                       tool, and compare [tool] with the tool's settings";
-        return Check::failed(NAME, format!("{place}: {why}"), advice);
+        return ExaminedItem::failed(NAME, format!("{place}: {why}"), advice);
     };
     let says = format!(
         "{place}: responds; force {} N, extended {} mm of {} mm",
@@ -348,8 +364,8 @@ fn describe_tool_state(tool: &CompliantTool, last: Option<ToolReading>, lost: Op
         fixed_decimals(tool.stroke_mm, 1)
     );
     match not_ready_reason(&reading, tool.stroke_mm) {
-        None => Check::passed(NAME, says),
-        Some(why) => Check::failed(
+        None => ExaminedItem::passed(NAME, says),
+        Some(why) => ExaminedItem::failed(
             NAME,
             format!("{says}; {}", why.message),
             "correct the reported problem; until then, no cycle starts",

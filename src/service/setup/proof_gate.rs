@@ -28,9 +28,9 @@ impl ProofGate {
     }
 }
 
-/// Returns the reason why this controller must not execute a motion that requires this stage; `None` if it may. `state`
-/// is the last state that the controller reported.
-pub(super) fn refusal(robot: &cell::Robot, needed: ProofStage, state: Option<&State>) -> Option<Reason> {
+/// Returns why this controller must not execute a motion that requires this stage; `None` if it may. `state` is the
+/// last state that the controller reported.
+pub(crate) fn refusal(robot: &cell::Robot, needed: ProofStage, state: Option<&State>) -> Option<Reason> {
     if state.is_some_and(State::is_simulated) {
         return None;
     }
@@ -38,8 +38,8 @@ pub(super) fn refusal(robot: &cell::Robot, needed: ProofStage, state: Option<&St
     Some(Reason::new("stage_not_signed", unsigned.to_string()))
 }
 
-/// Returns the stage of the acceptance tests that a motion in automatic mode requires.
-pub(super) fn stage_of_motion(path: Path, on_foam: bool) -> ProofStage {
+/// Returns the stage that a motion in automatic mode requires.
+pub(crate) fn stage_of_motion(path: Path, on_foam: bool) -> ProofStage {
     match path {
         Path::Contact if on_foam => ProofStage::B,
         Path::Contact => ProofStage::C,
@@ -47,9 +47,8 @@ pub(super) fn stage_of_motion(path: Path, on_foam: bool) -> ProofStage {
     }
 }
 
-/// Returns the stage of the acceptance tests that the start of a cycle requires; `None` for a request that starts no
-/// cycle.
-pub(super) fn stage_of_request(request: Request, on_foam: bool) -> Option<ProofStage> {
+/// Returns the stage that the start of a cycle requires; `None` for a request that starts no cycle.
+pub(crate) fn stage_of_request(request: Request, on_foam: bool) -> Option<ProofStage> {
     match request {
         Request::Start { .. } => Some(stage_of_motion(Path::Contact, on_foam)),
         Request::AirRun { .. } => Some(ProofStage::A),
@@ -60,7 +59,7 @@ pub(super) fn stage_of_request(request: Request, on_foam: bool) -> Option<ProofS
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::daemon::tests::standing_state;
+    use crate::setup::testing::standing_state;
     use panelprep_cell::cell::{Cell, SignedPage};
 
     /// Boot ID from the clock of a real controller: 26 years after 2000, in seconds.

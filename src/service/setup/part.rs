@@ -1,10 +1,10 @@
 //! The part that a cycle treats. Its names are checked when they are given, stored with the cycle as a text, and shown
 //! first on the page of the cycle.
 
-use super::fault::{Fault, RecordFault};
-use panelprep_base::number_text::{check_printable, utc_day};
+use super::fault::SetupFault;
+use crate::report::page::{Row, Section};
+use panelprep_base::number_text::{printable, utc_day};
 use panelprep_cell::record::{ANOTHER_PART_TEXT, CycleRecord, LostPasses, PartNames, describe_part};
-use panelprep_service::report::page::{Row, Section};
 use panelprep_store::store::{PassesOfCycle, Store};
 
 /// Maximum length of each name of a part, characters.
@@ -13,14 +13,14 @@ const MAX_CHARACTERS: usize = 120;
 /// Checks the names of a part; returns `None` if no name is given.
 ///
 /// # Errors
-/// If a name is empty, too long, or contains characters that cannot be printed.
-pub fn parse_part_names(part: PartNames) -> Result<Option<PartNames>, Fault> {
+/// If one is empty, too long, or cannot be printed as it is.
+pub fn parse_part_names(part: PartNames) -> Result<Option<PartNames>, SetupFault> {
     let named = [("--part", &part.serial), ("--order", &part.order), ("--operator", &part.operator)];
     for (option, name) in named {
         let Some(name) = name else { continue };
         check_printable(name, MAX_CHARACTERS).map_err(|problem| {
             let found = name.escape_debug().to_string();
-            RecordFault::PartName { option, found, problem }
+            SetupFault::PartName { option, found, problem }
         })?;
     }
     Ok((part != PartNames::default()).then_some(part))
@@ -29,9 +29,9 @@ pub fn parse_part_names(part: PartNames) -> Result<Option<PartNames>, Fault> {
 /// Returns the names of a part as the TOML text that is stored.
 ///
 /// # Errors
-/// If the names cannot be written as TOML.
-pub fn text(part: &PartNames) -> Result<String, Fault> {
-    toml::to_string(part).map_err(Fault::stage)
+/// If it cannot be written as TOML.
+pub fn text(part: &PartNames) -> Result<String, SetupFault> {
+    toml::to_string(part).map_err(SetupFault::stage)
 }
 
 /// Returns the file name and the text that record, at the start of a cycle, that another part than before is in the
@@ -47,9 +47,9 @@ pub fn another_part_text() -> (String, String) {
 /// lost cycles.
 ///
 /// # Errors
-/// If the number cannot be written as TOML.
-pub fn lost(passes: u8) -> Result<(String, String), Fault> {
-    Ok((LostPasses::FILE.to_owned(), toml::to_string(&LostPasses { passes }).map_err(Fault::stage)?))
+/// If it cannot be written as TOML.
+pub fn lost(passes: u8) -> Result<(String, String), SetupFault> {
+    Ok((LostPasses::FILE.to_owned(), toml::to_string(&LostPasses { passes }).map_err(SetupFault::stage)?))
 }
 
 /// Checks that a part may be sanded once more: after these cycles, and after this number of passes in lost cycles, it
@@ -61,7 +61,7 @@ pub fn check_pass_limit(
     part: Option<&PartNames>,
     (earlier, lost): (&[PassesOfCycle], u8),
     most: usize,
-) -> Result<(), Fault> {
+) -> Result<(), SetupFault> {
     let part = describe_part(part.and_then(|part| part.serial.as_deref()).unwrap_or_default());
     let used: usize = earlier.iter().map(|cycle| cycle.passes).sum::<usize>() + usize::from(lost);
     if used < most {
@@ -70,7 +70,7 @@ pub fn check_pass_limit(
     let stated = (lost > 0).then(|| format!("lost cycles, as stated: {}", format_pass_count(usize::from(lost))));
     let known = (!earlier.is_empty()).then(|| history(earlier));
     let history = known.into_iter().chain(stated).collect::<Vec<_>>().join("; ");
-    Err(RecordFault::PartUsedUp { part, most, history }.into())
+    Err(SetupFault::PartUsedUp { part, most, history })
 }
 
 /// Returns a number of passes with its noun, for example "2 passes".

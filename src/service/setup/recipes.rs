@@ -1,0 +1,158 @@
+//! The recipes in the folder that the cell's file names: offered, read, checked and changed by their file names.
+
+use super::cell_files::CellFiles;
+use super::{disk, teaching};
+use crate::check::{FileReport, check_file};
+use panelprep_base::config::Problems;
+use panelprep_base::geometry::ColorPicture;
+use panelprep_cell::files;
+use panelprep_cell::files::content_hash;
+use panelprep_cell::recipe::Recipe;
+use panelprep_interfaces::packml::RecipeHash;
+use std::path::{Path, PathBuf};
+
+/// The kind of a recipe's file, as `panelprep check` calls it.
+const RECIPE: &str = "recipe";
+
+/// A recipe's file.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct RecipeText {
+    /// The full name of the file, which messages show.
+    pub name: String,
+    /// Its text.
+    pub text: String,
+}
+
+impl RecipeText {
+    /// Returns the SHA-256 of the recipe's text; a start refers to the recipe by it.
+    pub fn sha256(&self) -> String {
+        content_hash(self.text.as_bytes())
+    }
+
+    /// Returns the recipe if it is the one on which a person decided.
+    ///
+    /// # Errors
+    /// If its text has changed since then.
+    pub fn if_unchanged(self, sha256: &str) -> Result<Self, String> {
+        let found = self.sha256();
+        if sha256.trim().eq_ignore_ascii_case(&found) {
+            return Ok(self);
+        }
+        Err(format!(
+            "{}: the start request names the recipe with the SHA-256 \"{}\", but the file has {found}; read the \
+             current recipe, then start with its SHA-256",
+            self.name,
+            sha256.trim().escape_debug()
+        ))
+    }
+}
+
+/// The recipes of the cell. Errors are texts for people.
+impl CellFiles {
+    fn recipes_folder(&self) -> &Path {
+        &self.cell.page().recipes
+    }
+
+    /// Returns the file of a recipe of the folder; any other name is refused.
+    fn recipe_file(&self, name: &str) -> Result<PathBuf, String> {
+        let folder = self.recipes_folder();
+        match self.recipes()?.iter().any(|known| known == name) {
+            true => Ok(folder.join(name)),
+            false => Err(format!("there is no recipe \"{}\" in {}", name.escape_debug(), folder.display())),
+        }
+    }
+
+    /// Returns the names of the recipes that are offered.
+    ///
+    /// # Errors
+    /// If the folder cannot be read.
+    pub fn recipes(&self) -> Result<Vec<String>, String> {
+        let folder = self.recipes_folder();
+        let failed = |error: std::io::Error| format!("{}: {error}", folder.display());
+        let mut names = Vec::new();
+        for entry in std::fs::read_dir(folder).map_err(failed)? {
+            let entry = entry.map_err(failed)?;
+            let Ok(name) = entry.file_name().into_string() else { continue };
+            if name.ends_with(".toml") && entry.path().is_file() && is_recipe(&entry.path()) {
+                names.push(name);
+            }
+        }
+        names.sort();
+        Ok(names)
+    }
+
+    /// Returns one of these recipes.
+    ///
+    /// # Errors
+    /// If there is no such recipe or it cannot be read.
+    pub fn recipe(&self, name: &str) -> Result<RecipeText, String> {
+        let file = self.recipe_file(name)?;
+        let text = disk::read_text(&file).map_err(|fault| fault.to_string())?;
+        Ok(RecipeText { name: file.display().to_string(), text })
+    }
+
+    /// Returns the recipes with their hashes, so that a start uses exactly the recipe that was offered. A recipe that
+    /// cannot be read cannot be started, and is left out.
+    ///
+    /// # Errors
+    /// If the folder cannot be read.
+    pub fn recipe_hashes(&self) -> Result<Vec<RecipeHash>, String> {
+        let hash = |name: String| {
+            let sha256 = self.recipe(&name).ok()?.sha256();
+            Some(RecipeHash { name, sha256 })
+        };
+        Ok(self.recipes()?.into_iter().filter_map(hash).collect())
+    }
+
+    /// Returns why no cycle can start with this text although it is valid: the panel was not taught, or was taught with
+    /// another region.
+    pub fn not_taught(&self, name: &str, text: &str) -> Option<String> {
+        let recipe = Recipe::check(name, text).ok()?;
+        teaching::teaching_of(self, Path::new(name), &recipe).err().map(|fault| fault.to_string())
+    }
+
+    /// Writes a recipe in place of the one with this name; returns the former text.
+    ///
+    /// # Errors
+    /// If the text is not a valid recipe or the disk cannot be written.
+    pub fn save_recipe(&self, name: &str, text: &str) -> Result<Option<String>, String> {
+        let file = self.recipe_file(name)?;
+        let problems = recipe_problems(name, text);
+        if !problems.is_empty() {
+            return Err(problems.join("\n"));
+        }
+        let former = disk::read_text(&file).ok();
+        disk::write_durable(&file, text).map_err(|fault| fault.to_string())?;
+        Ok(former)
+    }
+
+    /// Returns the picture of the scan by which the recipe's panel was taught.
+    ///
+    /// # Errors
+    /// If there is no such recipe, it is not valid, or its panel was not taught.
+    pub fn taught_picture(&self, name: &str) -> Result<ColorPicture, String> {
+        let RecipeText { name, text } = self.recipe(name)?;
+        let recipe = Recipe::check(&name, &text).map_err(|problems| problems.to_string())?;
+        let store = self.store().map_err(|fault| fault.to_string())?;
+        let taught = store.taught(recipe.panel(), None).map_err(|error| error.to_string())?;
+        let scan = files::read_any_cloud(&taught.teaching.scan, None).map_err(|error| error.to_string())?;
+        Ok(scan.picture())
+    }
+}
+
+/// Returns the problems of a recipe as `panelprep check` reports them; empty if the recipe is valid.
+pub fn recipe_problems(name: &str, text: &str) -> Vec<String> {
+    let FileReport { kind, problems: list, .. } = check_file(name, text);
+    let problems = Problems { file: name.to_owned(), list }.to_string();
+    let mut problems: Vec<String> = problems.lines().map(str::to_owned).collect();
+    if let Some(other) = kind.filter(|kind| *kind != RECIPE) {
+        problems.push(format!("the text is not a recipe but a file of the kind {other}"));
+    }
+    problems
+}
+
+/// Returns whether a file is a recipe by its content: other files of the same folder are the cell's and its
+/// calibrations.
+fn is_recipe(file: &Path) -> bool {
+    disk::read_text(file).is_ok_and(|text| check_file("", &text).kind == Some(RECIPE))
+}
