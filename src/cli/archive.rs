@@ -1,7 +1,6 @@
 //! `panelprep archive` and `panelprep fleet`: the archive and the web page of the office server.
 
 use super::args::{Archive, ArchiveAccount, ArchiveTask, CheckArchive, Fleet, OfferRecipe, RunArchive};
-use super::calibrate::now_unix_s;
 use super::fault::Fault;
 use super::output::Outcome;
 use super::{disk, user};
@@ -12,6 +11,7 @@ use panelprep_cell::recipe::Recipe;
 use panelprep_interfaces::archive::reading::{OfficeAccount, Reader};
 use panelprep_interfaces::archive::{self, CellList, CheckedCell};
 use panelprep_service::daemon::{FleetAddress, serve_fleet};
+use panelprep_service::setup::clock::now_unix_s;
 use panelprep_store::office::{ArchiveSettings, ListEntry, RecipeOffer};
 use panelprep_store::store::Store;
 use serde::Deserialize;

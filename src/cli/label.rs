@@ -6,7 +6,6 @@
 //! After a power failure in between, the draft still exists and is saved again.
 
 use super::args::{Common, Label};
-use super::calibrate::now_unix_s;
 use super::disk;
 use super::fault::{ClipFault, Fault};
 use super::inspected::{PlacedPanel, clip_hash, read_clip};
@@ -24,6 +23,7 @@ use panelprep_interfaces::page::LocalServer;
 use panelprep_interfaces::page::label::{self, CurrentLabels, GridOutline, LabelSheet, LabelStorage, SaveResult};
 use panelprep_service::setup;
 use panelprep_service::setup::CellFiles;
+use panelprep_service::setup::clock::now_unix_s;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;

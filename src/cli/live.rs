@@ -238,11 +238,9 @@ pub fn start_robot_at(
 }
 
 fn link_robot(cell: &Cell, simulated: Option<&SimulatedController>) -> Result<LinkedRobot, Fault> {
-    let (address, pace) = match simulated {
-        Some(simulated) => (simulated.address(), ClockMode::LockStep),
-        None => (Address::from(cell.robot()), ClockMode::Wall),
-    };
-    let link = BlockingLink::start(address, link_limits(cell), pace).map_err(Fault::stage)?;
+    let Some(simulated) = simulated else { return LinkedRobot::start(cell).map_err(Fault::stage) };
+    let pace = ClockMode::LockStep;
+    let link = BlockingLink::start(simulated.address(), link_limits(cell), pace).map_err(Fault::stage)?;
     Ok(LinkedRobot::new(link, pace))
 }
 

@@ -10,12 +10,12 @@ use panelprep_base::verdict::{Judgement, Reason, Verdict};
 use panelprep_cell::record::CycleId;
 use panelprep_service::check::check_file;
 use panelprep_service::setup::CellFiles;
+use panelprep_service::setup::clock::now_unix_s;
 use panelprep_store::backup::{self, BackupError, Configuration, Permission, Plan, RestoredParts, named_files};
 use panelprep_store::office::ListEntry;
 use panelprep_store::store::{Restore as SinceBackup, Store, StoreVerification};
 use serde_json::json;
 use std::path::{Path, PathBuf};
-use std::time::{SystemTime, UNIX_EPOCH};
 
 /// Runs one task of `panelprep store`.
 ///
@@ -107,9 +107,8 @@ pub fn back_up(args: &Backup, common: &Common) -> Result<Outcome, Fault> {
         false => None,
     };
     let store = with(BackupPart::Store).then(|| files.store_folder());
-    let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-    let made_unix_s = i64::try_from(since_1970.as_secs()).unwrap_or_default();
-    let written = backup::write(&args.archive, store, configuration.as_ref(), made_unix_s).map_err(Fault::stage)?;
+    let written =
+        backup::write(&args.archive, store, configuration.as_ref(), now_unix_s()).map_err(Fault::stage)?;
     let mut outcome = outcome_from_findings(&written.differences, "store_changed");
     let ok = written.differences.is_empty();
     outcome.add_value("file", json!(ok.then_some(&args.archive)));

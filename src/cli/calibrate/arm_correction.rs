@@ -15,57 +15,16 @@ use super::super::args::Common;
 use super::super::disk;
 use super::super::fault::Fault;
 use super::files::Points;
-use panelprep_base::geometry::{Base, Camera, Flange, Joints, Point, Rigid, Tool};
+use panelprep_base::geometry::{Base, Flange, Joints, Point, Rigid, Tool};
 use panelprep_base::number_text;
-use panelprep_cell::cell::{Cell, CorrectionNumbers, FlangeCameraMount, Intrinsics, RobotCorrection, ScannerMount};
+use panelprep_cell::cell::{Cell, CorrectionNumbers, Intrinsics, RobotCorrection};
 use panelprep_cell::files::content_hash;
 use panelprep_service::setup::{CellFiles, NO_AXES};
 use panelprep_toolpath::path::Kinematics;
-use panelprep_vision::calib::{Arrangement, BoardObservation};
 use std::path::Path;
 
-/// A camera mount with the functions that the command needs in addition to those of its arrangement.
-pub trait Mounted: Arrangement {
-    /// Returns the rough pose of the mount in the cell file.
-    fn rough_pose(cell: &Cell) -> Option<Rigid<Self::To, Self::From>>;
-
-    /// Converts the points of a 3D camera to the frame of this mount's camera; `None` if the camera is not a 3D camera.
-    fn points(seen: BoardObservation<Camera>) -> Option<BoardObservation<Self::From>>;
-
-    /// Converts a point in the base to the camera's frame, if the camera is fixed.
-    fn point_in_camera(mount: &Rigid<Self::To, Self::From>, point: Point<Base>) -> Option<Point<Self::From>>;
-}
-
-impl Mounted for ScannerMount {
-    fn rough_pose(cell: &Cell) -> Option<Rigid<Base, Camera>> {
-        cell.rough_mounts().base_from_camera
-    }
-
-    fn points(seen: BoardObservation<Camera>) -> Option<BoardObservation<Camera>> {
-        Some(seen)
-    }
-
-    fn point_in_camera(mount: &Rigid<Base, Camera>, point: Point<Base>) -> Option<Point<Camera>> {
-        Some(mount.inverse() * point)
-    }
-}
-
-impl Mounted for FlangeCameraMount {
-    fn rough_pose(cell: &Cell) -> Option<Rigid<Self::To, Self::From>> {
-        cell.rough_mounts().flange_from_camera
-    }
-
-    fn points(_: BoardObservation<Camera>) -> Option<BoardObservation<Self::From>> {
-        None
-    }
-
-    fn point_in_camera(_: &Rigid<Self::To, Self::From>, _: Point<Base>) -> Option<Point<Self::From>> {
-        None
-    }
-}
-
-/// Reads the cell file if it exists; it is used only for limits.
-pub fn read_cell_if_present(common: &Common) -> Result<Option<Cell>, Fault> {
+/// Reads the cell's file, if it exists; it only limits the result.
+pub fn cell_if_present(common: &Common) -> Result<Option<Cell>, Fault> {
     if !common.cell.is_file() {
         return Ok(None);
     }

@@ -6,7 +6,7 @@ use super::super::disk;
 use super::super::fault::Fault;
 use super::super::output::Outcome;
 use super::args::{HandEye as Args, MountName};
-use super::arm_correction::{CorrectionInUse, Mounted, read_cell_if_present, read_intrinsics};
+use super::arm_correction::{CorrectionInUse, cell_if_present, read_intrinsics};
 use super::boards::{self, BoardImage};
 use super::files;
 use super::output::{self, provenance, write_calibration};
@@ -18,6 +18,7 @@ use panelprep_vision::calib::board_orientation::resolve_symmetry;
 use panelprep_vision::calib::detect::DetectedCorners;
 use panelprep_vision::calib::gate::{self, PoseSource};
 use panelprep_vision::calib::hand_eye::{MIN_STATIONS, hand_eye};
+use panelprep_vision::calib::mounted::{self, Mounted};
 use panelprep_vision::calib::three_points::{ThreePoints, three_points};
 use panelprep_vision::calib::{
     Arrangement, Board, BoardObservation, CalibError, HandEye, Station, suggest_next_pose,
@@ -46,6 +47,14 @@ struct BoardPicture {
     base_from_flange: Rigid<Base, panelprep_base::geometry::Flange>,
     /// Whether the pose includes axis angles; then the controller reported it.
     has_axes: bool,
+}
+
+impl BoardPicture {
+    /// Returns the corners as the 3D camera measured them, if it measured most of them.
+    fn points<A: Mounted>(&self, camera: (&PinholeCamera, &ScanErrors)) -> Option<BoardObservation<A::From>> {
+        let seen = self.board_image.measured(camera, &self.detected)?;
+        mounted::points_of_most::<A>(seen, self.detected.corners.len())
+    }
 }
 
 fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fault> {
@@ -84,7 +93,7 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
     }
     let (with_points, measured): (Vec<&BoardPicture>, Vec<Station<A::From>>) = looks
         .iter()
-        .filter_map(|look| Some((look, make_station(look, measured_corners::<A>(look, (&camera, &errors))?))))
+        .filter_map(|look| Some((look, make_station(look, look.points::<A>((&camera, &errors))?))))
         .unzip();
     let second = match measured.len() >= MIN_STATIONS {
         true => Some(calibrated(&measured, Some(found.stated_point))?),
@@ -158,19 +167,6 @@ fn refused(error: &CalibError, out: &Path) -> Outcome {
     let mut outcome = Outcome::from_judgement(&Judgement::new(vec![reason], vec![]));
     outcome.add_line(format!("{}: not written", out.display()));
     outcome
-}
-
-/// Returns the corners as the 3D camera measured them, if it measured most of them.
-fn measured_corners<A: Mounted>(
-    look: &BoardPicture,
-    camera: (&PinholeCamera, &ScanErrors),
-) -> Option<BoardObservation<A::From>> {
-    let seen = look.board_image.measured(camera, &look.detected)?;
-    let BoardObservation::Points(points) = &seen else { return None };
-    if 2 * points.len() < look.detected.corners.len() {
-        return None;
-    }
-    A::points(seen)
 }
 
 fn to_kuka_pose<A: Arrangement>(found: &HandEye<A>) -> KukaPose {

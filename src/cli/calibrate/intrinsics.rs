@@ -11,7 +11,7 @@ use panelprep_base::geometry::statistics::{QuantileRank, quantile};
 use panelprep_base::geometry::{GrayPicture, fit_lens, sample_points};
 use panelprep_base::number_text::distinguishable_texts;
 use panelprep_base::verdict::{Judgement, Reason};
-use panelprep_cell::cell::{Intrinsics, LensExtent, SupportedArea};
+use panelprep_cell::cell::Intrinsics;
 use panelprep_cell::files;
 use panelprep_service::report;
 use panelprep_vision::calib::detect::{self, DetectedCorners};
@@ -66,7 +66,7 @@ pub fn run(args: &Args, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fau
         serial: args.serial.clone(),
         date: output::today_utc(),
         rms_px: Some(found.rms_px),
-        extent: extent(&found),
+        extent: found.lens_extent(),
         provenance: provenance(hashes, residuals),
         errors: None,
     };
@@ -105,44 +105,6 @@ fn model(args: &Args) -> Option<LensModel> {
     }
 }
 
-/// Returns, for each coefficient that is not part of the model, why it was excluded.
-fn exclusion_reasons(found: &Calibrated) -> Vec<String> {
-    if found.trials.len() == 1 {
-        return found
-            .model
-            .excluded_coefficients()
-            .iter()
-            .map(|name| format!("{name}: not part of the lens model of --model"))
-            .collect();
-    }
-    let own = found.trials.iter().find(|trial| trial.model == found.model).and_then(|trial| trial.left_out_rms_px);
-    let reason = |model: &LensModel| {
-        let trial = found.trials.iter().find(|trial| trial.model == *model)?;
-        let new: Vec<&str> = model.added();
-        Some(match (trial.left_out_rms_px, own) {
-            (Some(with), Some(without)) => format!(
-                "{}: error in held-out pictures {with:.4} px rms if included, {without:.4} px rms if not",
-                new.join(", ")
-            ),
-            _ => format!("{}: if included, no lens fits the subsets of the pictures", new.join(", ")),
-        })
-    };
-    LensModel::ALL.iter().filter(|model| **model > found.model).filter_map(reason).collect()
-}
-
-fn extent(found: &Calibrated) -> LensExtent {
-    let supported = found
-        .support
-        .outline_px
-        .as_ref()
-        .map(|outline_px| SupportedArea { error_px: found.support.error_px, outline_px: outline_px.clone() });
-    LensExtent {
-        model: Some(found.model.name().to_owned()),
-        excluded_coefficients: exclusion_reasons(found),
-        supported,
-    }
-}
-
 fn report_model(outcome: &mut Outcome, found: &Calibrated, board: &Board) {
     outcome.add_value("model", json!(found.model.name()));
     let trials = found
@@ -150,7 +112,7 @@ fn report_model(outcome: &mut Outcome, found: &Calibrated, board: &Board) {
         .iter()
         .map(|trial| json!({"model": trial.model.name(), "left_out_rms_px": trial.left_out_rms_px}));
     outcome.add_value("trials", trials.collect());
-    let left_out = exclusion_reasons(found);
+    let left_out = found.exclusion_reasons();
     outcome.add_value("left_out", json!(left_out));
     outcome.add_value(
         "left_out_pictures",

@@ -17,7 +17,6 @@ pub mod tool;
 pub mod verify;
 
 pub use files::pose_keys;
-pub use output::now_unix_s;
 
 use super::args::Common;
 use super::fault::Fault;

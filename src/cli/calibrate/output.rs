@@ -13,16 +13,11 @@ use panelprep_base::verdict::{Judgement, Verdict};
 use panelprep_cell::cell::{Date, Provenance};
 use panelprep_service::report;
 use panelprep_service::setup::CellFiles;
+use panelprep_service::setup::clock::now_unix_s;
 use panelprep_store::store::Store;
 use panelprep_vision::calib::health::{self, Strike, TOOL_FORCE, Verification, VerificationLimits};
 use serde_json::{Value, json};
 use std::path::Path;
-use std::time::{SystemTime, UNIX_EPOCH};
-
-/// Seconds since 1970.
-pub fn now_unix_s() -> i64 {
-    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |time| time.as_secs() as i64)
-}
 
 /// Returns today's date in UTC.
 pub fn today_utc() -> Option<Date> {

@@ -11,17 +11,16 @@ use super::args::Robot as Args;
 use super::boards::{self, BoardImage};
 use super::output::{self, provenance, write_calibration};
 use super::{arm_correction, files};
-use nalgebra::{Isometry3, Vector3};
-use panelprep_base::geometry::{Base, Camera, Flange, Joints, KukaPose, PinholeCamera, Point, Rigid, median};
+use panelprep_base::geometry::{Base, Camera, KukaPose, PinholeCamera, Point, median};
 use panelprep_cell::cell::{ArmGeometry, Cell, FlangeCameraMount, RobotCorrection, ScannerMount};
 use panelprep_service::setup::SetupFault;
-use panelprep_toolpath::path::{Kinematics, reach};
+use panelprep_service::stages::arm_poses;
 use panelprep_vision::calib::board_orientation::resolve_symmetry;
 use panelprep_vision::calib::hand_eye::{MIN_STATIONS, hand_eye as mount_of};
 use panelprep_vision::calib::robot::{
     self, ArmPose, ArmTouch, ArmView, Correction, Rig, RigKind, RobotData, RobotFound, TouchTarget,
 };
-use panelprep_vision::calib::robot_next::{self, Candidate, NextPose};
+use panelprep_vision::calib::robot_next::{self, NextPose};
 use panelprep_vision::calib::{
     Arrangement, Board, BoardObservation, CalibError, Station, arm_errors, board_pose, gate,
 };
@@ -280,20 +279,17 @@ fn report_result(outcome: &mut Outcome, found: &RobotFound, aside: &[(String, St
     aside.iter().for_each(|(file, reason)| outcome.add_line(format!("excluded: {file}: {reason}")));
 }
 
-/// Number of evaluated positions in the working volume along each of its sides.
-const EVALUATION_GRID: [usize; 3] = [4, 4, 3];
-
-/// Reports the stated error over the working volume, and the next pose.
+/// Reports the stated error over the working volume and the next pose.
 fn report_advice(
     outcome: &mut Outcome,
     cell: &Cell,
     found: &RobotFound,
     (data, cameras, board): (&RobotData, &[PinholeCamera], &Board),
 ) {
-    let volume = volume(cell, found, data);
+    let volume = arm_poses::working_volume(cell, found, data);
     let mut stated: Vec<(f64, Point<Base>)> = volume
         .iter()
-        .filter_map(|pose| Some((found.tip_uncertainty_mm(pose)?, (pose.base_from_flange * tip(found)))))
+        .filter_map(|pose| Some((found.tip_uncertainty_mm(pose)?, (pose.base_from_flange * arm_poses::tip(found)))))
         .collect();
     stated.sort_by(|a, b| a.0.total_cmp(&b.0));
     outcome.add_value("tip_uncertainty_mm", json!(null));
@@ -311,7 +307,7 @@ fn report_advice(
              the working volume); at the worst position {worst_mm:.2} mm, at ({x:.0}, {y:.0}, {z:.0}) mm"
         ));
     }
-    let candidates = candidates(cell, found, data, (cameras, board));
+    let candidates = arm_poses::candidates(cell, found, data, (cameras, board));
     let next = robot_next::best_next_pose(found, &candidates, &volume);
     outcome.add_value("next_pose", next.as_ref().map_or(json!(null), |next| object(found, next)));
     outcome.add_value("enough", json!(next.as_ref().map(NextPose::is_sufficient)));
@@ -367,81 +363,4 @@ fn object(found: &RobotFound, next: &NextPose) -> serde_json::Value {
         "improves_share": next.weakest_share,
         "tip_share": next.tip_share,
     })
-}
-
-fn tip(found: &RobotFound) -> Point<Flange> {
-    Point::new(found.tip_mm.unwrap_or(Vector3::zeros()).into())
-}
-
-/// Returns poses that pass the motion checks and in which a camera sees a board.
-fn candidates(
-    cell: &Cell,
-    found: &RobotFound,
-    data: &RobotData,
-    (cameras, board): (&[PinholeCamera], &Board),
-) -> Vec<Candidate> {
-    let arm = Kinematics::new(cell.arm());
-    let mut all = Vec::new();
-    for (rig, camera) in cameras.iter().enumerate() {
-        for viewpoint in robot_next::viewpoints(found, &data.views, rig, (camera, board)) {
-            let stands = reachable_postures(cell, &arm, &viewpoint.base_from_flange, tip(found));
-            all.extend(stands.into_iter().map(|pose| Candidate { viewpoint: viewpoint.clone(), pose }));
-        }
-    }
-    all
-}
-
-/// Returns the possible configurations of the arm at a pose whose TCP is inside the box of the cell.
-fn reachable_postures(
-    cell: &Cell,
-    arm: &Kinematics,
-    base_from_flange: &Rigid<Base, Flange>,
-    tip: Point<Flange>,
-) -> Vec<ArmPose> {
-    let is_inside = cell.limits().workspace().is_none_or(|workspace| workspace.contains(*base_from_flange * tip));
-    let ways = if is_inside { reach::postures(arm, base_from_flange, tip) } else { Vec::new() };
-    let drawn = |joints: Joints| {
-        let flange =
-            arm_errors::base_from_flange(cell.arm().geometry(), &joints, &[0.0; arm_errors::ARM_PARAMETER_COUNT]);
-        ArmPose { joints: Some(joints), base_from_flange: flange }
-    };
-    ways.into_iter().map(drawn).collect()
-}
-
-/// Returns poses in the whole working volume: the box of the cell or, without one, the region of the measured poses.
-/// The orientation at each position is that of the nearest measured pose.
-fn volume(cell: &Cell, found: &RobotFound, data: &RobotData) -> Vec<ArmPose> {
-    let arm = Kinematics::new(cell.arm());
-    let measured: Vec<Rigid<Base, Flange>> = data.views.iter().map(|view| view.pose.base_from_flange).collect();
-    let tips: Vec<Point<Base>> = measured.iter().map(|pose| *pose * tip(found)).collect();
-    let (low, high) = match cell.limits().workspace() {
-        Some(workspace) => (workspace.min.mm, workspace.max.mm),
-        None => {
-            tips.iter().fold((tips[0].mm, tips[0].mm), |(low, high), tip| (low.inf(&tip.mm), high.sup(&tip.mm)))
-        }
-    };
-    let along = |axis: usize, index: usize| {
-        let share = (index as f64 + 0.5) / EVALUATION_GRID[axis] as f64;
-        low[axis] + share * (high[axis] - low[axis])
-    };
-    let mut all = Vec::new();
-    for index in 0..EVALUATION_GRID.iter().product() {
-        let place = nalgebra::Point3::new(
-            along(0, index % EVALUATION_GRID[0]),
-            along(1, index / EVALUATION_GRID[0] % EVALUATION_GRID[1]),
-            along(2, index / EVALUATION_GRID[0] / EVALUATION_GRID[1]),
-        );
-        let mut near: Vec<usize> = (0..tips.len()).collect();
-        let away = |at: usize| (tips[at].mm - place).norm();
-        near.sort_by(|a, b| away(*a).total_cmp(&away(*b)));
-        let standing = near.into_iter().take(3).find_map(|at| {
-            let turn = measured[at].isometry().rotation;
-            let shift = place.coords - turn * tip(found).mm.coords;
-            let flange: Rigid<Base, Flange> =
-                Rigid::from_isometry_unchecked(Isometry3::from_parts(shift.into(), turn));
-            reachable_postures(cell, &arm, &flange, tip(found)).into_iter().next()
-        });
-        all.extend(standing);
-    }
-    if all.is_empty() { data.views.iter().map(|view| view.pose).collect() } else { all }
 }

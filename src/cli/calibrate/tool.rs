@@ -19,6 +19,7 @@ use panelprep_cell::cell::{MountedPose, RemovalCalibration, ToolMount};
 use panelprep_cell::files::content_hash;
 use panelprep_cell::force::{SensorLoad, down_cosine};
 use panelprep_service::setup;
+use panelprep_service::setup::clock::now_unix_s;
 use panelprep_service::setup::{CellFiles, NO_AXES};
 use panelprep_store::store::Store;
 use panelprep_toolpath::removal::coupons::{Coupon, CouponTool};
@@ -137,7 +138,7 @@ fn verify(files: &CellFiles, readings: &[AttitudeReading]) -> Result<Outcome, Fa
         error: error_n,
         limit: demands.limit,
         calibration_hash: setup::force_hash(tool),
-        at_unix_s: output::now_unix_s(),
+        at_unix_s: now_unix_s(),
         struck: None,
     };
     let (_, number) = Store::store_verification_in(files.store_folder(), &verification).map_err(Fault::stage)?;

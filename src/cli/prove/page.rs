@@ -1,7 +1,6 @@
 //! The page of the acceptance tests that is to be signed, and the signature of a page on which every test has passed.
 
 use super::super::args::Prove;
-use super::super::calibrate::now_unix_s;
 use super::super::disk;
 use super::super::fault::{DeviceFault, Fault};
 use super::super::live::{ControllerKind, ReportedController};
@@ -15,6 +14,7 @@ use panelprep_cell::files::content_hash;
 use panelprep_cell::record::ProofsResult;
 use panelprep_service::daemon::current_user;
 use panelprep_service::setup::CellFiles;
+use panelprep_service::setup::clock::now_unix_s;
 use panelprep_store::store::{ProofsPage, Store};
 use serde_json::json;
 

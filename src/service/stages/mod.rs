@@ -9,9 +9,11 @@
 //! - `survey`: the surface with its profile and flatness, and the part of the surface that the arm reaches · `treat`:
 //!   the places to sand after a film · `plan`: the path over them · `abrade`: the executed path · `removal`: the
 //!   removal by the path
-//! - `learn`: panel and corners, taught from pictures and scans
+//! - `learn`: panel and corners, learnt from the pictures and scans of a teaching · `arm_poses`: the poses for the
+//!   calibration of the arm
 
 pub mod abrade;
+pub mod arm_poses;
 pub mod corners;
 pub mod film;
 pub mod learn;

@@ -31,7 +31,7 @@ use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 use panelprep_base::geometry::statistics::mean;
 use panelprep_base::geometry::{Board, Camera, PinholeCamera, Pixel, Point, Rigid, median};
 use panelprep_base::number_text::distinguishable_texts;
-use panelprep_cell::cell::LensCovariance;
+use panelprep_cell::cell::{LensCovariance, LensExtent, SupportedArea};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
@@ -102,7 +102,47 @@ pub struct Calibrated {
 }
 
 impl Calibrated {
-    /// Returns the next picture of this board that would improve the lens most; `None` if no picture improves it much.
+    /// Returns for each coefficient outside of the model why it was left out.
+    pub fn exclusion_reasons(&self) -> Vec<String> {
+        if self.trials.len() == 1 {
+            return self
+                .model
+                .excluded_coefficients()
+                .iter()
+                .map(|name| format!("{name}: not part of the lens model of --model"))
+                .collect();
+        }
+        let own =
+            self.trials.iter().find(|trial| trial.model == self.model).and_then(|trial| trial.left_out_rms_px);
+        let reason = |model: &LensModel| {
+            let trial = self.trials.iter().find(|trial| trial.model == *model)?;
+            let new: Vec<&str> = model.added();
+            Some(match (trial.left_out_rms_px, own) {
+                (Some(with), Some(without)) => format!(
+                    "{}: error in left-out pictures {with:.4} px rms if included, {without:.4} px rms if not",
+                    new.join(", ")
+                ),
+                _ => format!("{}: if included, no lens fits the subsets of the pictures", new.join(", ")),
+            })
+        };
+        LensModel::ALL.iter().filter(|model| **model > self.model).filter_map(reason).collect()
+    }
+
+    /// Returns the area of the picture in which the lens is known, as its calibration file states it.
+    pub fn lens_extent(&self) -> LensExtent {
+        let supported = self
+            .support
+            .outline_px
+            .as_ref()
+            .map(|outline_px| SupportedArea { error_px: self.support.error_px, outline_px: outline_px.clone() });
+        LensExtent {
+            model: Some(self.model.name().to_owned()),
+            excluded_coefficients: self.exclusion_reasons(),
+            supported,
+        }
+    }
+
+    /// Returns the picture of this board that would improve the lens most; `None` if no picture improves it much.
     pub fn next_picture(&self, board: &BoardPattern) -> Option<NextPicture> {
         lens_support::best_next_picture(&self.camera, board, &self.information)
     }

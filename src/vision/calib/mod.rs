@@ -5,17 +5,18 @@
 //! read no pictures and write no files.
 //!
 //! - `board`, `detect`: the board, and its corners in a picture · `chessboard`, `crossings` · `charuco` · `circles`,
-//!   `circle_lattice`: each kind of board · `placing`, `saddle`, `print`: sub-pixel positions of corners
-//! - `intrinsics`: the lens (thesis 3.6), the number of its coefficients, and whether the board is flat · `lens_fit`:
-//!   its fit and covariance · `lens_support`: in which part of the picture the lens is known, and the best next picture
-//! - `chain`: camera, flange and board, and the pose of the board from one picture
-//! - `three_points`: the thesis's hand-eye calibration (3.7)
-//! - `hand_eye`, `adjust`, `station_diagnosis`: hand-eye calibration from many poses; `quantile`: the 95 % radius of
-//!   its error; `square`: the size of the board's squares, from the motions of the robot; `readings`: the intended
-//!   meaning of poses that match no mount
-//! - `robot`, `robot_settle`, `arm_errors`: the errors of the arm and their uncertainty; `robot_next`: the best next
-//!   pose · `tool`, `force`: tool point, axis and payload · `health`: whether a calibration is still valid · `budget`:
-//!   the error at the tool
+//!   `circle_lattice`: each kind of board · `placing`, `saddle`, `print`: corners to sub-pixel
+//! - `intrinsics`: the lens (thesis 3.6), how many coefficients it has, and whether the board is flat · `lens_fit`: its
+//!   fit and covariance · `lens_support`: in which part of the picture it is known, and the best next picture
+//! - `chain`: camera, flange and board, and the board's pose from one picture
+//! - `three_points`: the thesis's own hand-eye calibration (3.7)
+//! - `hand_eye`, `adjust`, `station_diagnosis`: the same from many poses; `quantile`: the 95 % radius of its error;
+//!   `mounted`: what each kind of mount takes from cell and 3D camera; `variation`: poses around a first one;
+//!   `square`: the size of the board's squares, from the robot's motions; `readings`: the intended meaning of poses
+//!   that fit no mount
+//! - `robot`, `robot_settle`, `arm_errors`: the arm's own errors and its uncertainty; `robot_next`: the best next pose
+//!   · `tool`, `force`: tool point, axis and payload · `health`: whether a calibration is still valid · `budget`: the
+//!   error at the tool
 //! - `scanner_errors`: the deviations of a 3D camera's scans of a flat board from a plane
 //! - `board_orientation`: the rotation in which a symmetric board was detected
 //! - `gate`: the acceptance checks of calibrations
@@ -41,6 +42,7 @@ pub mod health;
 pub mod intrinsics;
 mod lens_fit;
 mod lens_support;
+pub mod mounted;
 mod placing;
 mod print;
 mod quantile;
@@ -54,6 +56,7 @@ mod square;
 mod station_diagnosis;
 pub mod three_points;
 pub mod tool;
+pub mod variation;
 
 #[cfg(test)]
 mod tests;

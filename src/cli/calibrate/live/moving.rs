@@ -13,15 +13,14 @@ use super::super::args::HandEye;
 use super::super::boards;
 use super::session::{self, CalibrationCamera, OperatorChoice, Session, suggest_next_pose};
 use crate::cli::output::Outcome;
-use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
-use panelprep_base::geometry::{self, Base, Degrees, Flange, Joints, PinholeCamera, Point, Rigid};
+use panelprep_base::geometry::{self, Base, Flange, Joints, PinholeCamera, Point, Rigid};
 use panelprep_cell::cell::RobotKind;
 use panelprep_cell::files::ReportedFlange;
 use panelprep_devices::cameras::BoardView;
 use panelprep_service::daemon::{SingleError, SingleRobot};
 use panelprep_service::setup::CellFiles;
 use panelprep_toolpath::path::{Kinematics, reach};
-use panelprep_vision::calib::{Board, BoardObservation, board_pose, detect};
+use panelprep_vision::calib::{Board, BoardObservation, board_pose, detect, variation};
 
 /// Speed of the automatic motions, % of the axes' maximum speed.
 const AXIS_SPEED_PERCENT: u8 = 10;
@@ -29,25 +28,7 @@ const AXIS_SPEED_PERCENT: u8 = 10;
 const MAX_PICTURES: usize = 30;
 /// Minimum number of pictures with the board for the first computation of the mount.
 const MIN_FIRST_PICTURES: usize = 8;
-/// The poses around the first pose: rotations about X, Y and Z of the flange, degrees, and shifts, mm.
-const POSE_VARIATIONS: [([f64; 3], [f64; 3]); 14] = [
-    ([18.0, 0.0, 0.0], [0.0, 0.0, 0.0]),
-    ([-18.0, 0.0, 0.0], [0.0, 0.0, 0.0]),
-    ([0.0, 18.0, 0.0], [0.0, 0.0, 0.0]),
-    ([0.0, -18.0, 0.0], [0.0, 0.0, 0.0]),
-    ([0.0, 0.0, 30.0], [0.0, 0.0, 0.0]),
-    ([0.0, 0.0, -30.0], [0.0, 0.0, 0.0]),
-    ([12.0, 12.0, 20.0], [0.0, 0.0, 20.0]),
-    ([-12.0, 12.0, -20.0], [0.0, 0.0, -20.0]),
-    ([12.0, -12.0, 0.0], [25.0, 0.0, 0.0]),
-    ([-12.0, -12.0, 0.0], [0.0, 25.0, 0.0]),
-    ([8.0, 0.0, 15.0], [-25.0, 0.0, 0.0]),
-    ([0.0, 8.0, -15.0], [0.0, -25.0, 0.0]),
-    ([-8.0, 0.0, 45.0], [0.0, 0.0, 0.0]),
-    ([0.0, -8.0, -45.0], [0.0, 0.0, 0.0]),
-];
-
-/// Moves the arm from pose to pose and captures a picture at each.
+/// Takes pictures from pose to pose.
 ///
 /// # Errors
 /// If the robot does not execute a motion, the camera delivers no picture, or writing to the disk fails.
@@ -85,7 +66,7 @@ pub fn run(
     let first = tour.flange_pose()?.base_from_flange.to_rigid();
     take_board_picture(&mut view, &tour, session)?;
     let about_mm = distance_mm(&session.pictures(), kind, (&camera, board), args)?;
-    let mut variations = POSE_VARIATIONS.iter().map(|change| offset_pose(&first, about_mm, change));
+    let mut variations = variation::poses_around(first, about_mm);
     while session.picture_count() < session.max_pictures(MAX_PICTURES) {
         let known = if session.board_picture_count() >= MIN_FIRST_PICTURES { Some(so_far()?) } else { None };
         if known.as_ref().is_some_and(|known| !super::report_mount(known)) {
@@ -181,19 +162,7 @@ fn distance_mm(
     Ok((posed.camera_from_board * board.centre()).mm.z)
 }
 
-/// Returns a flange pose that is rotated about a point at the distance `about_mm` in front of the flange, and shifted.
-fn offset_pose(
-    base_from_flange: &Rigid<Base, Flange>,
-    about_mm: f64,
-    (turn_deg, shift_mm): &([f64; 3], [f64; 3]),
-) -> Rigid<Base, Flange> {
-    let turn = UnitQuaternion::from_scaled_axis(Vector3::from(turn_deg.map(|deg| Degrees(deg).to_rad())));
-    let about = Translation3::new(0.0, 0.0, about_mm);
-    let moved: Isometry3<f64> = Translation3::from(Vector3::from(*shift_mm)) * about * turn * about.inverse();
-    *base_from_flange * Rigid::<Flange, Flange>::from_isometry_unchecked(moved)
-}
-
-/// Maximum number of random poses with the board in view; the first one within the reach of the simulated arm is used.
+/// Maximum number of random poses that see the board; the first one within the simulated arm's reach is used.
 const MAX_DRAWS: usize = 20;
 
 /// Returns the first pose of the simulated arm, in which the camera sees the board, as if a person had moved the arm.
@@ -211,27 +180,4 @@ fn first_pose(
     let within =
         |flange: &Rigid<Base, Flange>| reach::postures(&arm, flange, Point::at(0.0, 0.0, 0.0)).into_iter().next();
     Ok(flanges.iter().find_map(within))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// A rotation by 90° about Z, with the point at 100 mm, does not move the flange. A rotation by 90° about X moves
-    /// it to the side of the point.
-    #[test]
-    fn the_flange_is_rotated_about_the_board() {
-        let start: Rigid<Base, Flange> = Rigid::from_isometry_unchecked(Isometry3::translation(500.0, 0.0, 300.0));
-        let at = |turn_deg, shift_mm| {
-            let moved = offset_pose(&start, 100.0, &(turn_deg, shift_mm));
-            (moved * Point::<Flange>::at(0.0, 0.0, 0.0)).mm
-        };
-        let near = |a: nalgebra::Point3<f64>, b: [f64; 3]| (a - nalgebra::Point3::from(b)).norm() < 1e-9;
-        assert!(near(at([0.0, 0.0, 90.0], [0.0; 3]), [500.0, 0.0, 300.0]));
-        assert!(near(at([90.0, 0.0, 0.0], [0.0; 3]), [500.0, 100.0, 400.0]));
-        assert!(near(at([0.0; 3], [1.0, 2.0, 3.0]), [501.0, 2.0, 303.0]));
-        let board =
-            offset_pose(&start, 100.0, &([20.0, -30.0, 40.0], [0.0; 3])) * Point::<Flange>::at(0.0, 0.0, 100.0);
-        assert!(near(board.mm, [500.0, 0.0, 400.0]), "the point itself stays: {board:?}");
-    }
 }
