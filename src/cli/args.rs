@@ -145,7 +145,7 @@ pub enum Command {
         panelprep ctl start --cell target/cell/cell.toml --recipe target/cell/recipe.toml --part SN-0017 --order W-4 --wait")]
     Ctl(Ctl),
     /// The worker process of the 3D camera: started by this program, with a socket as its standard input.
-    #[command(name = panelprep_service::setup::zivid::ROLE, hide = true)]
+    #[command(name = panelprep_service::setup::cameras::ZIVID_ROLE, hide = true)]
     ZividWorker(ZividWorker),
     /// Write the manual pages and shell completions, for `make package`.
     #[command(hide = true)]

@@ -11,9 +11,7 @@ use panelprep_cell::panel::OffPanel;
 use panelprep_cell::recipe::Recipe;
 use panelprep_service::check::{CheckedFor, DecodedText, FileReport, check_files_for, decode};
 use panelprep_service::requirements::Purpose;
-use panelprep_service::setup;
-use panelprep_service::setup::CellFiles;
-use panelprep_service::setup::CellPaths;
+use panelprep_service::setup::{self, CellFiles, CellPaths};
 use serde_json::json;
 use std::path::Path;
 

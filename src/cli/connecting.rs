@@ -6,7 +6,7 @@ use panelprep_devices::zivid::{
     AnswerTimeouts, CameraSetup, Restarts, Size, Source, ZividFault, ZividScanner, command_launcher,
 };
 use panelprep_service::daemon::accept_connection;
-use panelprep_service::setup::zivid::{LIBRARY, OWN_EXECUTABLE, ROLE};
+use panelprep_service::setup::cameras::{OWN_EXECUTABLE, ZIVID_LIBRARY, ZIVID_ROLE};
 use std::time::Duration;
 
 /// Time limit for the controller's answer.
@@ -58,7 +58,7 @@ fn find_single_zivid_serial() -> Result<String, String> {
         restarts: Restarts::default(),
         timeouts: AnswerTimeouts::default(),
     };
-    let arguments = [ROLE.into(), "--library".into(), LIBRARY.into()];
+    let arguments = [ZIVID_ROLE.into(), "--library".into(), ZIVID_LIBRARY.into()];
     let camera = ZividScanner::start(setup, command_launcher(OWN_EXECUTABLE.into(), arguments.into()))
         .map_err(|error| error.to_string())?;
     match camera.wait_ready(AnswerTimeouts::default().start()) {

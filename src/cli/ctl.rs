@@ -20,9 +20,7 @@ use panelprep_service::daemon::{
     self, ClientError, Computing, LinkedTool, LoopEvent, LoopPorts, LoopStart, NoCameras, Reply, Request,
     RequestKind, RequestResult, Requester, StoreRecord, current_user, send_to_service,
 };
-use panelprep_service::setup;
-use panelprep_service::setup::CellFiles;
-use panelprep_service::setup::{CellSetup, RecipeTextPermission, RecordIn, StartRequest};
+use panelprep_service::setup::{self, CellFiles, CellSetup, RecipeTextPermission, RecordIn, StartRequest};
 use panelprep_store::tape::LoopMemoryStart;
 use serde_json::{Map, Value, json};
 use std::io::Write;

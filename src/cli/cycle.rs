@@ -20,11 +20,9 @@ use panelprep_service::daemon::{
     RecordingSwitch, Request, RequestKind, Requester, StoreRecord, current_user,
 };
 use panelprep_service::requirements::Purpose;
-use panelprep_service::setup;
-use panelprep_service::setup::CellFiles;
-use panelprep_service::setup::StoredCycle;
-use panelprep_service::setup::{Calibrated, TaughtRecipe};
-use panelprep_service::setup::{Calibrations, RecordingResult};
+use panelprep_service::setup::{
+    self, Calibrated, Calibrations, CellFiles, RecordingResult, StoredCycle, TaughtRecipe,
+};
 use panelprep_store::store::CycleStart;
 use panelprep_store::tape::LoopMemoryStart;
 use serde_json::json;

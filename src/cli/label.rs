@@ -21,9 +21,7 @@ use panelprep_cell::labels::{
 };
 use panelprep_interfaces::page::LocalServer;
 use panelprep_interfaces::page::label::{self, CurrentLabels, GridOutline, LabelSheet, LabelStorage, SaveResult};
-use panelprep_service::setup;
-use panelprep_service::setup::CellFiles;
-use panelprep_service::setup::clock::now_unix_s;
+use panelprep_service::setup::{self, CellFiles, clock::now_unix_s};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;

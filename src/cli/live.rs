@@ -25,8 +25,7 @@ use panelprep_devices::robot::{Address, BlockingLink, link_limits};
 use panelprep_devices::world::{Follower, SimulatedWorld};
 use panelprep_kuka::eki::{CELLCMD, CELLSTAT, ClockMode, Mode};
 use panelprep_service::daemon::{AllCameras, Cameras, LinkedRobot, LinkedTool, SingleRobot};
-use panelprep_service::setup;
-use panelprep_service::setup::Calibrations;
+use panelprep_service::setup::{self, Calibrations};
 use panelprep_sim as sim;
 use serde_json::{Value, json};
 use std::time::Duration;
@@ -351,7 +350,9 @@ fn cameras(
         cell::Camera::Recorded { folder } => {
             Box::new(RecordedScanner::open(folder, calibrations.scanner).map_err(Fault::stage)?)
         }
-        cell::Camera::Device(camera) => Box::new(setup::zivid::scanner(cell, camera, &calibrations.scanner)?),
+        cell::Camera::Device(camera) => {
+            Box::new(setup::cameras::zivid_scanner(cell, camera, &calibrations.scanner)?)
+        }
     };
     let flange: Box<dyn FlangeCamera> = match cell.flange_camera() {
         cell::Camera::Simulated => Box::new(simulated()?.1),

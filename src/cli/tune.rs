@@ -11,8 +11,7 @@ use panelprep_base::phase::Phase;
 use panelprep_base::verdict::{Judgement, Reason};
 use panelprep_cell::files::ClipEntry;
 use panelprep_cell::recipe::{Method, Recipe};
-use panelprep_service::setup;
-use panelprep_service::setup::CellFiles;
+use panelprep_service::setup::{self, CellFiles};
 use panelprep_vision::inspect::{
     Advice, Demands, FilmView, FilmWatch, GridContrast, MIN_CONTRAST_TO_NOISE, Sampler, Tuning, best_threshold,
     thesis_checks,

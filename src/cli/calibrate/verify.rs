@@ -23,8 +23,7 @@ use panelprep_base::geometry::{Base, Camera, Flange, FlangeCamera, KukaPose, Rig
 use panelprep_base::verdict::{Judgement, Reason};
 use panelprep_cell::cell::{BoardSize, MountedPose, TargetMount};
 use panelprep_service::report::{self, RemainingError};
-use panelprep_service::setup;
-use panelprep_service::setup::CellFiles;
+use panelprep_service::setup::{self, CellFiles};
 use panelprep_store::store::calibration_hash;
 use panelprep_vision::calib::health::{self, BoardMeasurement};
 use panelprep_vision::calib::{Board, BoardObservation, BoardPose, CalibError, board_pose};

@@ -13,8 +13,7 @@ use panelprep_cell::cell::{ProofStage, Robot};
 use panelprep_cell::files::content_hash;
 use panelprep_cell::record::ProofsResult;
 use panelprep_service::daemon::current_user;
-use panelprep_service::setup::CellFiles;
-use panelprep_service::setup::clock::now_unix_s;
+use panelprep_service::setup::{CellFiles, clock::now_unix_s};
 use panelprep_store::store::{ProofsPage, Store};
 use serde_json::json;
 

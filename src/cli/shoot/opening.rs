@@ -7,7 +7,7 @@ use panelprep_base::geometry::PinholeCamera;
 use panelprep_cell::cell::{self, RobotKind};
 use panelprep_devices::cameras::{FlangeCamera, RecordedFlangeCamera, RecordedScanner, Scanner};
 use panelprep_service::daemon::{BorrowedFlangeCamera, RemoteScanner, service_state};
-use panelprep_service::setup::{CellFiles, SetupFault, cameras, zivid};
+use panelprep_service::setup::{CellFiles, SetupFault, cameras};
 use panelprep_sim as sim;
 use std::path::PathBuf;
 
@@ -86,7 +86,7 @@ pub fn scanner(
         }
         cell::Camera::Device(camera) => {
             progress("starting the 3D camera, which may take minutes");
-            let open = |lens: &PinholeCamera| zivid::scanner(&files.cell, camera, lens);
+            let open = |lens: &PinholeCamera| cameras::zivid_scanner(&files.cell, camera, lens);
             let (mut scanner, _) = cameras::open_with_size(lens, open, cameras::zivid_ready)?;
             cameras::zivid_ready(&mut scanner).map_err(Fault::stage)?;
             Ok(OpenedCamera::new(Box::new(scanner)))

@@ -12,9 +12,10 @@ use super::people::AccountService;
 use super::request::{Reply, Request, RequestKind, RequestResult};
 use super::request_queue::{RequestQueueError, RequestSender};
 use super::transfer::RecordTransfers;
-use crate::setup::clock::now_unix_ms;
-use crate::setup::{CellFiles, CycleLoader, RecipeText, expiring_verifications, judge_health, unreadable_reason};
-use crate::setup::{PreparedCycle, StartRequest};
+use crate::setup::{
+    CellFiles, CycleLoader, PreparedCycle, RecipeText, StartRequest, clock::now_unix_ms, expiring_verifications,
+    judge_health, unreadable_reason,
+};
 use panelprep_base::disk;
 use panelprep_base::verdict::Reason;
 use panelprep_cell::recipe::Recipe;

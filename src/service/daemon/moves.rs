@@ -4,8 +4,7 @@
 use super::error::DaemonError;
 use super::ports::RobotPort;
 use super::running::{Condition, LoopMemory, PathEndPose, PendingAction, SentPath, seconds};
-use crate::setup::CycleSetup;
-use crate::setup::proof_gate;
+use crate::setup::{CycleSetup, proof_gate};
 use panelprep_base::geometry::{Base, Flange, Joints, Panel, Rigid, Tool};
 use panelprep_base::number_text::distinguishable_texts;
 use panelprep_base::verdict::Reason;

@@ -12,9 +12,7 @@ use super::ports::{LoopEvent, RecordCommand, RecordPort, RequestPort, RobotPort,
 use super::request::{Request, RequestKind};
 use super::running::{Condition, LoopMemory, OtherPorts, seconds};
 use super::tool_state::PressState;
-use crate::setup::PreparedCycle;
-use crate::setup::proof_gate;
-use crate::setup::{CellSetup, CycleSetup};
+use crate::setup::{CellSetup, CycleSetup, PreparedCycle, proof_gate};
 use panelprep_base::geometry::{Base, KukaPose, Panel, Rigid};
 use panelprep_base::verdict::{Reason, Verdict};
 use panelprep_cell::cycle;

@@ -6,7 +6,7 @@ use super::cycle_setup::{Calibrations, CellSetup, CycleSetup};
 use super::fault::SetupFault;
 use super::start::{PassStatement, PreparedCycle};
 use super::teaching::{self, LoadedPanel};
-use super::{disk, part, zivid};
+use super::{cameras, disk, part};
 use crate::requirements::recipe_fits::{parse_plausible_recipe, unmet_demands};
 use crate::requirements::to_problems;
 use crate::stages::removal::EarlierRemoval;
@@ -63,7 +63,7 @@ impl Calibrated {
         ];
         texts.extend(removal.map(|(_, text)| ("removal", text)));
         texts.extend(files.correction_text()?.map(|text| ("robot_correction", text.to_owned())));
-        texts.extend(zivid::settings(&files.cell)?);
+        texts.extend(cameras::zivid_settings(&files.cell)?);
         Ok(Calibrated { values, flange_camera_extent, texts })
     }
 

@@ -8,7 +8,7 @@ use super::health::judge_health;
 use super::recorded_cycle::plan_recording;
 use super::recording::{check_client_file, check_recording_file};
 use super::start::{PassStatement, PreparedCycle, RecipeTextPermission, RecordIn, StartRequest};
-use super::{disk, zivid};
+use super::{cameras, disk};
 use panelprep_base::verdict::{Reason, Verdict};
 use panelprep_cell::files::content_hash;
 use panelprep_cell::record::RecordingFile;
@@ -156,7 +156,7 @@ pub fn unreadable_reason(fault: &SetupFault) -> Reason {
 /// Returns the data with which the cameras were started and which later cycles must match: the settings, and the
 /// serial number and picture size of each calibrated camera.
 fn camera_start_data(files: &CellFiles) -> Result<Vec<(&'static str, String)>, SetupFault> {
-    let mut all = zivid::settings(&files.cell)?;
+    let mut all = cameras::zivid_settings(&files.cell)?;
     let calibration = files.cell.calibration();
     let lenses = [
         ("scanner", files.scanner()?, &calibration.scanner),

@@ -3,10 +3,10 @@
 //!
 //! ```text
 //! cell_files ── teaching ── cycle_files ── start          a cycle with its files read and checked
-//!     └── pages ── records                                what a cycle leaves: its page, its signed record
+//!     └── pages                                           what a cycle leaves: its page, its signed record
 //! ```
 //!
-//! `cell_files` reads the cell's file and, when they are needed, its calibrations; `zivid` the settings of the 3D
+//! `cell_files` reads the cell's file and, when they are needed, its calibrations; `cameras` the settings of the 3D
 //! camera. `teaching` derives a panel from its taught data, and `cycle_files` combines both with a recipe and the
 //! `part`; `health` judges by the last verifications whether a cycle may start. The result is the loop's input:
 //! `cycle_setup`, with the `wiring` of the outputs and the `proof_gate` of the controller. `recording` and
@@ -19,7 +19,6 @@ mod cycle_files;
 mod cycle_loader;
 mod cycle_setup;
 pub mod disk;
-mod equipment;
 mod fault;
 mod health;
 mod pages;
@@ -28,14 +27,12 @@ pub(crate) mod proof_gate;
 mod recipes;
 mod recorded_cycle;
 mod recording;
-mod records;
 mod start;
 mod teaching;
 #[cfg(any(test, feature = "testing"))]
 #[cfg_attr(feature = "testing", allow(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 pub mod testing;
 mod wiring;
-pub mod zivid;
 
 pub use cell_files::{
     CellFiles, CellPaths, LoadedCalibration, Mounted, NO_AXES, calibrated_serial, last_touch_check,
@@ -43,10 +40,12 @@ pub use cell_files::{
 pub use cycle_files::{Calibrated, TaughtRecipe};
 pub use cycle_loader::{CycleLoader, unreadable_reason};
 pub use cycle_setup::{Calibrations, CellSetup, CycleSetup};
-pub use equipment::{Equipment, EquipmentList};
 pub use fault::SetupFault;
-pub use health::{expiring_verifications, force_hash, judge_health};
-pub use pages::{StoredCycle, cycle_html, make_missing_pages, page_file, recording_status};
+pub use health::{Equipment, EquipmentList, expiring_verifications, force_hash, judge_health};
+pub use pages::{
+    RecordPdf, StoredCycle, cycle_html, cycle_pdf, key, make_missing_pages, page_file, recording_status,
+    sign_by_person, sign_missing, signed_pdf,
+};
 pub use part::parse_part_names;
 pub use proof_gate::ProofGate;
 pub use recipes::{RecipeText, recipe_problems};
@@ -55,7 +54,6 @@ pub use recording::{
     FLOOR_MB, RECORDING_FLOOR_MB, RecordingPlan, RecordingResult, RecordingStatus, check_client_file,
     check_command_file, check_recording_file, disk_full_message, free_mb, open_refusal, recording_file, recordings,
 };
-pub use records::{RecordPdf, cycle_pdf, key, sign_by_person, sign_missing, signed_pdf};
 pub use start::{PassStatement, PreparedCycle, RecipeTextPermission, RecordIn, StartRequest};
 pub use teaching::{LoadedPanel, derive, taught, teaching_of};
 pub use wiring::Wiring;

@@ -156,3 +156,35 @@ pub fn recipe_problems(name: &str, text: &str) -> Vec<String> {
 fn is_recipe(file: &Path) -> bool {
     disk::read_text(file).is_ok_and(|text| check_file("", &text).kind == Some(RECIPE))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::setup::testing::write_cell;
+
+    const DOOR: &str = "panel = \"door\"\n\n[locate]\nbox_min_mm = [0, 0, 0]\nbox_max_mm = [900, 900, 900]\n\n\
+                        [region]\ncorners_px = [[10, 10], [90, 10], [90, 60], [10, 60]]\nrows = 2\ncolumns = 3\n";
+
+    /// Of the files in the folder only recipes are offered, by their plain names; a text that is not a valid recipe is
+    /// not written; a folder that is gone is named.
+    #[test]
+    fn only_recipes_of_the_folder_are_offered_and_changed() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let files =
+            write_cell(folder.path(), "", &[("door.toml", DOOR), ("cell.toml", "[scanner]\nkind = 'simulated'\n")]);
+        assert_eq!(files.recipes().expect("read"), ["door.toml"]);
+        let hashes = files.recipe_hashes().expect("read");
+        assert_eq!((hashes.len(), hashes[0].sha256.as_str()), (1, content_hash(DOOR.as_bytes()).as_str()));
+        for name in ["cell.toml", "../cell.toml", "/etc/passwd", "", "none.toml"] {
+            assert!(files.recipe(name).is_err_and(|why| why.starts_with("there is no recipe")), "{name}");
+        }
+        assert!(files.save_recipe("door.toml", &DOOR.replace("rows = 2", "rows = 0")).is_err());
+        assert_eq!(files.recipe("door.toml").expect("it is there").text, DOOR);
+        let changed = DOOR.replace("rows = 2", "rows = 4");
+        assert_eq!(files.save_recipe("door.toml", &changed).expect("valid").as_deref(), Some(DOOR));
+        assert_eq!(files.recipe("door.toml").expect("it is there").text, changed);
+        std::fs::remove_dir_all(folder.path().join("recipes")).expect("removed");
+        let why = files.recipes().expect_err("the folder is gone");
+        assert!(why.contains("recipes") && why.contains("No such file"), "{why}");
+    }
+}

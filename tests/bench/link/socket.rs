@@ -12,8 +12,7 @@ use panelprep::daemon::{
 };
 use panelprep::devices::robot::{Address, BlockingLink, link_limits};
 use panelprep::eki::ClockMode;
-use panelprep::setup::CellSetup;
-use panelprep::setup::testing::write_cell;
+use panelprep::setup::{CellSetup, testing::write_cell};
 use panelprep::store::Store;
 use panelprep::supervision::Supervisor;
 use panelprep::tape::LoopMemoryStart;

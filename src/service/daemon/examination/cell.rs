@@ -4,8 +4,7 @@
 use super::check::ExaminedItem;
 use crate::check::check_files;
 use crate::requirements::{ProblemKind, Purpose, UnmetRequirement, incomplete_files};
-use crate::setup::clock::now_unix_s;
-use crate::setup::{CellFiles, SetupFault, disk, last_touch_check};
+use crate::setup::{CellFiles, SetupFault, clock::now_unix_s, disk, last_touch_check};
 use panelprep_base::config::Problem;
 use panelprep_cell::cell::{Cell, ProofStage, RobotKind, Unsigned};
 use panelprep_cell::controller::{

@@ -2,8 +2,7 @@
 //!
 //! The functions `judge_…` convert a fact about the computer or a camera to a check; they are pure functions.
 
-use crate::setup::clock::now_unix_s;
-use crate::setup::{FLOOR_MB, recordings as recordings_folder};
+use crate::setup::{FLOOR_MB, clock::now_unix_s, recordings as recordings_folder};
 use panelprep_base::verdict::Reason;
 use panelprep_cell::cell::{MainsFrequency, ZividSettings, ZividUse};
 use panelprep_devices::gige::socket_buffer_bytes;

@@ -11,7 +11,7 @@ use crate::daemon::camera_lease::RemoteScanner;
 use crate::daemon::client::service_state;
 use crate::daemon::ports::LinkedRobot;
 use crate::daemon::single::{SingleError, SingleRobot};
-use crate::setup::{CellFiles, LoadedCalibration, SetupFault, cameras as opening, zivid};
+use crate::setup::{CellFiles, LoadedCalibration, SetupFault, cameras as opening};
 use panelprep_base::geometry::{ColorPicture, PinholeCamera};
 use panelprep_base::number_text::fixed_decimals;
 use panelprep_cell::cell::{Camera, Cell, CompliantTool, Gige, RobotKind, ZividCamera};
@@ -240,7 +240,7 @@ fn zivid_checks(files: &CellFiles, camera: &ZividCamera, warm_up: bool) -> Vec<E
     let lens = opening::lens(files.scanner());
     let calibrated_px = lens.as_ref().ok().copied().flatten().map(|lens| lens.fx_px);
     let opened = lens.and_then(|lens| {
-        let open = |lens: &PinholeCamera| zivid::scanner(&files.cell, camera, lens);
+        let open = |lens: &PinholeCamera| opening::zivid_scanner(&files.cell, camera, lens);
         opening::open_with_size(lens, open, opening::zivid_ready)
     });
     let mut scanner = match opened {
@@ -262,7 +262,7 @@ fn zivid_checks(files: &CellFiles, camera: &ZividCamera, warm_up: bool) -> Vec<E
             return vec![graphics, wrong];
         }
     };
-    let light = match (scanner.measure_ambient_light(), zivid::checked_settings(camera)) {
+    let light = match (scanner.measure_ambient_light(), opening::checked_zivid_settings(camera)) {
         (Ok(light), Ok(settings)) => check::judge_light(&light, &settings),
         (Err(fault), _) => check::unknown_light(&fault.to_string()),
         (_, Err(fault)) => check::unknown_light(&fault.to_string()),

@@ -6,8 +6,7 @@
 //! is done by the recording's own thread.
 
 use super::queue::{FreeSpace, QueueBounds, Recorder, Recording};
-use crate::setup::clock::now_unix_ns;
-use crate::setup::{Calibrations, RecordingPlan, RecordingResult, free_mb, recording_file};
+use crate::setup::{Calibrations, RecordingPlan, RecordingResult, clock::now_unix_ns, free_mb, recording_file};
 use panelprep_base::geometry::KukaPose;
 use panelprep_base::supervision::{SupervisedThread, Supervisor, supervise};
 use panelprep_cell::cycle::{Request, State};
