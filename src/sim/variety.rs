@@ -48,7 +48,7 @@ impl PanelVariant {
 
     /// Returns the panel of a family that differs in this way.
     pub(super) fn panel(self, family: u64) -> Panel {
-        let original = Panel::random(&mut generator(Seed(family), 0));
+        let original = Panel::random(&mut trial_generator(Seed(family), 0));
         match self {
             PanelVariant::Original => original,
             PanelVariant::CornerCut => original.corner_cut_copy(CORNER_CUT_MM),

@@ -100,33 +100,33 @@ pub fn open_interlocks(act: Action, facts: &Facts) -> Vec<&'static str> {
 
 /// The needs that Stopping and Holding satisfy while a motion is in progress: its end comes first and switches off tool
 /// and water.
-pub(super) const LEAVING_MOTION: [Need; 1] = [Need::EpochEnded];
+pub(super) const LEAVE_MOTION_CONDITIONS: [Need; 1] = [Need::EpochEnded];
 
 /// The needs that Stopping and Holding satisfy if the tool is commanded to run and no epoch is open. The end of an open
 /// epoch would switch the tool off.
-pub(super) const LEAVING_TOOL: [Need; 3] = [Need::ToolOff, Need::WaterOff, Need::EpochEnded];
+pub(super) const LEAVE_TOOL_CONDITIONS: [Need; 3] = [Need::ToolOff, Need::WaterOff, Need::EpochEnded];
 
 /// The needs that Stopping and Holding satisfy otherwise. Water is shut while the epoch still accepts commands.
-pub(super) const LEAVE_NEEDS: [Need; 2] = [Need::WaterOff, Need::EpochEnded];
+pub(super) const LEAVE_CONDITIONS: [Need; 2] = [Need::WaterOff, Need::EpochEnded];
 
 /// The needs that Clearing satisfies.
-pub(super) const CLEARING: [Need; 3] = [Need::Standing, Need::ToolOff, Need::WaterOff];
+pub(super) const CLEARING_CONDITIONS: [Need; 3] = [Need::Standing, Need::ToolOff, Need::WaterOff];
 
 /// The needs that Resetting satisfies.
-pub(super) const RESETTING: [Need; 6] =
+pub(super) const RESETTING_CONDITIONS: [Need; 6] =
     [Need::Standing, Need::ToolOff, Need::WaterOff, Need::ExtractionOff, Need::LightOff, Need::Tested];
 
 /// The needs that Starting satisfies.
-pub(super) const STARTING: [Need; 3] = [Need::WaterOff, Need::ToolOff, Need::At(Path::Park)];
+pub(super) const STARTING_CONDITIONS: [Need; 3] = [Need::WaterOff, Need::ToolOff, Need::At(Path::Park)];
 
 /// The needs that Unholding satisfies.
-pub(super) const UNHOLDING: [Need; 2] = [Need::WaterOff, Need::ToolOff];
+pub(super) const UNHOLDING_CONDITIONS: [Need; 2] = [Need::WaterOff, Need::ToolOff];
 
 /// The needs that Unholding satisfies if the panel had been located.
-pub(super) const UNHOLDING_LOCATED: [Need; 3] = [Need::WaterOff, Need::ToolOff, Need::Token];
+pub(super) const UNHOLDING_LOCATED_CONDITIONS: [Need; 3] = [Need::WaterOff, Need::ToolOff, Need::Token];
 
 /// The needs that Completing satisfies.
-pub(super) const COMPLETING: [Need; 5] =
+pub(super) const COMPLETING_CONDITIONS: [Need; 5] =
     [Need::WaterOff, Need::ToolOff, Need::At(Path::Park), Need::ExtractionOff, Need::LightOff];
 
 impl Need {

@@ -16,7 +16,7 @@ use super::noise::{PixelNoise, Seed};
 use super::scene::Slab;
 use super::shape::{PanelBend, Shape};
 use super::truth::PlacementError;
-use super::variety::{PanelVariant, generator};
+use super::variety::{PanelVariant, trial_generator};
 use super::{scene, shape, variety};
 use contents::{PrintedDiscs, SceneContents, sheet_points};
 pub use contents::{SceneDefect, TRIAL_BOX_MM};
@@ -89,7 +89,7 @@ impl TrialScene {
     }
 
     fn new(seed: Seed, wrong: Option<SceneDefect>, reduction: usize) -> TrialScene {
-        let mut random = generator(seed, 0);
+        let mut random = trial_generator(seed, 0);
         let panel = match wrong {
             Some(SceneDefect::Symmetric) => variety::Panel::random_symmetric(&mut random),
             Some(SceneDefect::MirroredMarks) => variety::Panel::random_symmetric(&mut random).flat_copy(),
@@ -100,7 +100,7 @@ impl TrialScene {
         };
         let mut trial = TrialScene::from_panel(&panel, seed, wrong, reduction);
         if let Some(wrong) = wrong {
-            trial.add_defect(&panel, wrong, &mut generator(seed, 2));
+            trial.add_defect(&panel, wrong, &mut trial_generator(seed, 2));
         }
         if wrong == Some(SceneDefect::MirroredMarks) { trial.with_mirrored_marks() } else { trial }
     }
@@ -132,7 +132,7 @@ impl TrialScene {
             second_panel: None,
             is_holder_moved: false,
         };
-        trial.draw_valid_pose(&mut generator(seed, 1), wrong);
+        trial.draw_valid_pose(&mut trial_generator(seed, 1), wrong);
         trial
     }
 

@@ -42,8 +42,8 @@ pub(super) fn begin_first_epoch(connection: &Connection) -> Result<(), rusqlite:
         "INSERT INTO outbox_epochs (epoch, unix_ms, why) VALUES (lower(hex(randomblob(16))), 0, 'new store')",
         [],
     )?;
-    let part = chain::part("outbox_epochs").ok_or(rusqlite::Error::QueryReturnedNoRows)?;
-    chain::add(connection, chain::ChainPosition::START, part, connection.last_insert_rowid()).map(drop)
+    let table = chain::hashed_table("outbox_epochs").ok_or(rusqlite::Error::QueryReturnedNoRows)?;
+    chain::add_link(connection, chain::ChainPosition::START, table, connection.last_insert_rowid()).map(drop)
 }
 
 /// Inserts a row for an item, in the transaction that writes the item.

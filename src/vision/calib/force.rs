@@ -14,7 +14,6 @@
 //! the payload and are refused.
 
 use super::health::VerificationLimits;
-use super::quantile::student_95;
 use panelprep_base::geometry::STANDARD_GRAVITY_M_S2;
 use panelprep_base::geometry::statistics::student_95;
 use panelprep_base::number_text::distinguishable_texts;

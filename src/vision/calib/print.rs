@@ -275,7 +275,7 @@ fn fit_print(drawn: &RenderedWindow, noise: f64) -> Option<PrintMatch> {
         let found = factor.solve(&pull);
         let left: Vec<f64> = drawn.pixels.iter().map(|seen| seen.gray - by(seen).dot(&found)).collect();
         let usual = median(&mut left.iter().map(|left| left.abs()).collect::<Vec<_>>())? / NORMAL_HALF;
-        let scale = 2.5 * usual.max(noise).max(MIN_RESIDUAL_SHARE * found[3].abs()).max(0.5);
+        let scale = 2.5 * usual.max(noise).max(MIN_RELATIVE_RESIDUAL * found[3].abs()).max(0.5);
         weights = left.iter().map(|left| (1.0 + (left / scale).powi(2)).powi(-2)).collect();
         last = Some((found, factor, left, scale));
     }

@@ -328,7 +328,7 @@ pub fn initially_wet_pixels(window: &Window, known: &DrynessInputs<'_>) -> Vec<u
     let was_wet = |piece: &Vec<usize>| {
         let never_wet = piece.iter().filter(|i| (known.never_wet)(**i)).count() as f64;
         piece.len() >= MIN_COMPONENT_PX
-            && never_wet >= MIN_NEVER_WET_SHARE * piece.len() as f64
+            && never_wet >= MIN_NEVER_WET_FRACTION * piece.len() as f64
             && mean(surrounding_pixels(window, piece, known).into_iter().map(known.dry))
                 .zip(mean(piece.iter().copied().map(known.dry)))
                 // The limit is halfway between the look of the dry surroundings and that of a film over them.

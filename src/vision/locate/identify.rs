@@ -286,7 +286,7 @@ fn compare_with_best(mut located: Vec<Located<'_>>, view: &ScanView<'_>) -> Vec<
 /// a length that does not match by chance and is not due to the scan: the scan contradicts this length of the best
 /// panel as well.
 fn is_excluded_by_outline(best: &Located<'_>, other: &Located<'_>) -> bool {
-    let allowed_mm = gate::MAX_OUTLINE_ABSENT_SHARE * other.contradiction.in_view_mm;
+    let allowed_mm = gate::MAX_OUTLINE_ABSENT_FRACTION * other.contradiction.in_view_mm;
     let excess_mm = other.contradiction.whole_mm - allowed_mm;
     !best.found.is_other && other.found.is_other && excess_mm >= CHANCE_MATCH_MM + best.contradiction.whole_mm
 }

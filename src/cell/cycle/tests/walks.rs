@@ -3,8 +3,8 @@
 //! sequence of events to rest.
 
 use super::super::interlocks::{
-    CLEARING, COMPLETING, LEAVE_NEEDS, LEAVING_MOTION, LEAVING_TOOL, Need, RESETTING, STARTING, UNHOLDING,
-    UNHOLDING_LOCATED, action_needs,
+    CLEARING_CONDITIONS, COMPLETING_CONDITIONS, LEAVE_CONDITIONS, LEAVE_MOTION_CONDITIONS, LEAVE_TOOL_CONDITIONS, Need, RESETTING_CONDITIONS, STARTING_CONDITIONS, UNHOLDING_CONDITIONS,
+    UNHOLDING_LOCATED_CONDITIONS, action_needs,
 };
 use super::super::*;
 use super::cell::Cell;
@@ -183,15 +183,15 @@ fn all_needs() -> Vec<Need> {
         Action::Switch(Switch::WaterOff),
     ];
     let of_states: [&[Need]; 9] = [
-        &LEAVING_MOTION,
-        &LEAVING_TOOL,
-        &LEAVE_NEEDS,
-        &CLEARING,
-        &RESETTING,
-        &STARTING,
-        &UNHOLDING,
-        &UNHOLDING_LOCATED,
-        &COMPLETING,
+        &LEAVE_MOTION_CONDITIONS,
+        &LEAVE_TOOL_CONDITIONS,
+        &LEAVE_CONDITIONS,
+        &CLEARING_CONDITIONS,
+        &RESETTING_CONDITIONS,
+        &STARTING_CONDITIONS,
+        &UNHOLDING_CONDITIONS,
+        &UNHOLDING_LOCATED_CONDITIONS,
+        &COMPLETING_CONDITIONS,
     ];
     let mut all = Vec::new();
     for need in moves.into_iter().chain(others).flat_map(action_needs).chain(of_states.concat()) {

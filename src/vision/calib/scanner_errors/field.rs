@@ -184,7 +184,7 @@ impl ScaleTilt {
     /// subtracted. Zero if the remainder may be due to chance.
     pub fn excess_std_percent(&self, known: f64) -> f64 {
         let left = self.residual_percent.powi(2);
-        let by_chance = known * (1.0 + NORMAL_QUANTILE_95 * (2.0 / self.degrees_of_freedom as f64).sqrt());
+        let by_chance = known * (1.0 + NORMAL_ONE_SIDED_95 * (2.0 / self.degrees_of_freedom as f64).sqrt());
         if left <= by_chance { 0.0 } else { (left - known).max(0.0).sqrt() }
     }
 }

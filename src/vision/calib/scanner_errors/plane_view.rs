@@ -115,7 +115,7 @@ impl PlaneView {
         let mut counts: Vec<f64> =
             by_block.iter().filter(|all| !all.is_empty()).map(|all| all.len() as f64).collect();
         let usual = interpolated_median(&mut counts).ok_or_else(few)?;
-        let filled = by_block.iter().filter(|all| all.len() as f64 >= MIN_FILLED_SHARE * usual && all.len() > 4);
+        let filled = by_block.iter().filter(|all| all.len() as f64 >= MIN_FILLED_FRACTION * usual && all.len() > 4);
         let (mut blocks, mut apart) = (Vec::new(), Vec::new());
         for all in filled {
             let mut off: Vec<f64> = all.iter().map(|sample| off_mm(sample)).collect();

@@ -8,12 +8,13 @@
 
 use super::super::evidence::{CHANCE_MATCH_MM, MAX_FOUND_EDGE_DISTANCE_PX};
 use super::super::fit::{FitInputs, observe_edge};
-use super::super::grid::{DepthReading, Grid, RigidF32, camera_point};
+use super::super::grid::{DepthReading, Grid, MatrixTransform, camera_point};
 use super::super::model::Model;
 use super::super::search::{PointObservation, observe_point};
 use super::super::{SURFACE_SQUARE_SIDE_MM, TaughtModel, squares};
 use nalgebra::Vector3;
-use panelprep_base::geometry::{Camera, Panel, Pixel, Rigid, median_in_place, polygon};
+use panelprep_base::geometry::statistics::interpolated_median;
+use panelprep_base::geometry::{Camera, Panel, Pixel, Rigid, polygon};
 use rayon::prelude::*;
 
 /// Largest distance of an edge from an outline that it confirms, px: two standard deviations of an edge by depth.
@@ -84,7 +85,7 @@ pub(super) struct Contradiction {
 /// A taught panel at its pose in a scan.
 pub(super) struct PlacedPanel<'a> {
     model: Model,
-    motion: RigidF32,
+    motion: MatrixTransform,
     /// The other surfaces in the taught scan: the background of windows.
     fixture: &'a Grid,
     outline: Vec<Place>,
@@ -96,14 +97,14 @@ pub(super) struct PlacedPanel<'a> {
 impl<'a> PlacedPanel<'a> {
     /// Compares a panel with the scan at its pose; the model in the inputs is the panel as it is bent there.
     pub fn new(taught: &'a TaughtModel, placed: &Rigid<Camera, Panel>, inputs: FitInputs<'_>) -> Self {
-        let (motion, model) = (RigidF32::from_rigid(placed), inputs.model);
+        let (motion, model) = (MatrixTransform::from_rigid(placed), inputs.model);
         let outline = (0..model.outline.len()).into_par_iter().with_min_len(64);
         let outline: Vec<Place> = outline.filter_map(|k| outline_place(&motion, inputs, k)).collect();
         let surface = squares(model).into_par_iter().with_min_len(256);
         let surface = surface.filter_map(|sample| surface_place(&motion, inputs, sample)).collect();
         let step_mm = |k: usize| (outline[(k + 1) % outline.len()].point - outline[k].point).norm();
         let steps_mm: Vec<f64> = (0..outline.len()).map(step_mm).collect();
-        let usual_mm = median_in_place(&mut steps_mm.clone()).unwrap_or(f64::INFINITY);
+        let usual_mm = interpolated_median(&mut steps_mm.clone()).unwrap_or(f64::INFINITY);
         let has_gap = steps_mm.iter().map(|mm| *mm > GAP_RATIO * usual_mm).collect();
         PlacedPanel { model: model.clone(), motion, fixture: &taught.fixture, outline, has_gap, surface }
     }
@@ -149,7 +150,7 @@ impl<'a> PlacedPanel<'a> {
     /// Returns whether the taught scan shows a window here and beside: the background, and no panel. Points that are
     /// only missing are no window.
     fn has_window_at(&self, point: &Vector3<f64>) -> bool {
-        let taught = RigidF32::from_rigid(&self.model.camera_from_panel);
+        let taught = MatrixTransform::from_rigid(&self.model.camera_from_panel);
         let there = taught.point(&self.motion.inverse().point(point));
         let Some(pixel) = self.model.grid.camera.project(camera_point(&there)) else { return false };
         let beside = [[0.0, 0.0], [-1.0, 0.0], [1.0, 0.0], [0.0, -1.0], [0.0, 1.0]];
@@ -196,7 +197,7 @@ impl<'a> PlacedPanel<'a> {
     }
 }
 
-fn outline_place(motion: &RigidF32, inputs: FitInputs<'_>, k: usize) -> Option<Place> {
+fn outline_place(motion: &MatrixTransform, inputs: FitInputs<'_>, k: usize) -> Option<Place> {
     let FitInputs { model, grid, scan } = inputs;
     let seen = observe_edge(motion, model, &grid.camera, scan, k)?;
     let pixel = grid.camera.project(camera_point(&seen.point))?;
@@ -209,7 +210,7 @@ fn outline_place(motion: &RigidF32, inputs: FitInputs<'_>, k: usize) -> Option<P
     })
 }
 
-fn surface_place(motion: &RigidF32, inputs: FitInputs<'_>, sample: usize) -> Option<Place> {
+fn surface_place(motion: &MatrixTransform, inputs: FitInputs<'_>, sample: usize) -> Option<Place> {
     let FitInputs { model, grid, .. } = inputs;
     let point = motion.point(&model.points[sample]);
     let pixel = grid.camera.project(camera_point(&point))?;
