@@ -17,17 +17,19 @@
 //! The loop uses the robot's time. In lock step this is the mock controller's virtual clock, so that sprays, films and
 //! deadlines need no real time; this clock stops during a computation.
 //!
-//! [`crate::setup`] is the loop's input. `running` is its memory, with the action in progress, the path that was sent, and the
-//! limit up to which a contact path may continue. `answers` converts a phase's findings to the state table's answer and
-//! the record's finding; `tool_state` is the known state of a compliant tool. `run`, `actions`, `moves`, `contacts` and
-//! `robot_reports` perform the effects.
+//! [`crate::setup`] is the loop's input. `running` is its memory, with the action in progress, the path that was sent,
+//! and the limit up to which a contact path may continue. `answers` converts a phase's findings to the state table's
+//! answer and the record's finding; `tool_state` is the known state of a compliant tool. `run`, `actions`, `moves`,
+//! `contacts` and `robot_reports` perform the effects.
 //!
 //! A service, a single cycle and a replay use this same loop with different `ports`. Around the loop of the service are
-//! `request` (the one request type of every interface) · `socket` (the interface on this computer) · `protocol` (one
-//! line per request and per reply) · `gateway` (takes a request and returns its reply) · `request_queue` (waiting
-//! requests, by their urgency) · `request_handler` (requests, signals and systemd, for the loop) · `camera_lease` (the
-//! cameras, lent between cycles) · `operator_texts` (states and refusals for people). `replay` records the data that
-//! pass through the ports, and runs a cycle again from a recording.
+//! `request` (the one request type of every interface) · `socket` (the interface on this computer) · `protocol` (a line
+//! in, a line out) · `gateway` (a request in, a reply out) · `request_queue` (waiting requests, by their urgency) ·
+//! `request_handler` (requests, signals and systemd, for the loop) · `camera_lease` (the cameras, lent between cycles)
+//! · `operator_texts` (states and refusals for people) · `interfaces` (page, line and
+//! plant, started together) · `examination` (the cell from the bottom up) · `page_writer` (signature and page of an ended
+//! cycle) · `client` (a command that asks the service). `replay` records the data that pass through the ports, and runs
+//! a cycle again from a recording.
 
 mod abrasion;
 mod actions;

@@ -4,8 +4,8 @@
 //! alarm is raised.
 //!
 //! `StateReporter` determines the state of the cell that the office receives. `MissingRecords` decides when a record
-//! that the office does not have, although the broker accepted it, is sent again. In one round, `Sender` sends new records to the broker and receives the office's answer; the progress is
-//! stored in the store's folder (`transfer`).
+//! that the office does not have, although the broker accepted it, is sent again. In one round, `Sender` sends new
+//! records to the broker and receives the office's answer; the progress is stored in the store's folder (`transfer`).
 
 use super::background::{Background, Plan, Rounds};
 use super::gateway::InterfaceContext;
