@@ -6,25 +6,27 @@
 //! table as `panelprep ctl clear` sends to a service, and exits when the cell is at rest again. So the same conditions
 //! apply: the robot responds and is at standstill, and feedbacks confirm that tool and water are off.
 
-use super::args::{Common, Ctl, CtlAsk, Decision};
+use super::args::{Common, Ctl, CtlAsk, CtlStart, Decision};
 use super::disk;
 use super::fault::Fault;
-use super::identify::{Proposal, ProposalLimits, propose};
+use super::identify;
 use super::live::robot_alone;
-use super::output::{Outcome, write_progress};
+use super::output::{Outcome, read_answer_line, write_progress};
 use panelprep_base::supervision::{Supervisor, ThreadFault};
 use panelprep_base::verdict::{Judgement, Reason, Verdict};
 use panelprep_cell::cycle::{self, At, Robot, State};
 use panelprep_devices::cameras::Scanner as _;
 use panelprep_service::daemon::{
-    self, ClientError, Computing, LinkedTool, LoopEvent, LoopPorts, LoopStart, NoCameras, Reply, Request,
-    RequestKind, RequestResult, Requester, StoreRecord, current_user, send_to_service,
+    self, ClientError, Computing, LinkedTool, LoopEvent, LoopPorts, LoopStart, NoCameras, RemoteScanner, Reply,
+    Request, RequestKind, RequestResult, Requester, StoreRecord, current_user, send_to_service,
 };
-use panelprep_service::setup::{self, CellFiles, CellSetup, RecipeTextPermission, RecordIn, StartRequest};
+use panelprep_service::setup::{
+    self, CellFiles, CellSetup, ProposalLimits, RecipeTextPermission, RecordIn, StartRequest,
+};
 use panelprep_store::tape::LoopMemoryStart;
 use serde_json::{Map, Value, json};
 use std::io::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::thread;
 use std::time::{Duration, Instant};
@@ -125,7 +127,7 @@ pub fn run(args: &Ctl, common: &Common) -> Result<Outcome, Fault> {
 
 /// Starts a cycle with the recipe that is named, or with the one of the panel in the cell.
 fn start_cycle(args: &CtlStart, files: &CellFiles, socket: &Path) -> Result<Outcome, Fault> {
-    let part = part::parse_part_names(args.part.names())?;
+    let part = setup::parse_part_names(args.part.names())?;
     let recipe = match &args.recipe {
         Some(recipe) => recipe.clone(),
         None => match confirm_proposal(args, files, socket)? {
@@ -157,17 +159,22 @@ fn confirm_proposal(args: &CtlStart, files: &CellFiles, socket: &Path) -> Result
     send_to_service(socket, &RequestKind::State)?;
     let shot = RemoteScanner::new(socket.to_owned()).capture_3d().map_err(Fault::stage)?;
     let limits = ProposalLimits { serial: args.part.serial.as_deref(), ..ProposalLimits::default() };
-    let Proposal { outcome: mut proposed, startable, reasons } = propose(files, shot.cloud, &limits)?;
-    if let Some((panel, recipe)) = startable {
-        proposed.lines.iter().for_each(|line| write_progress(line));
-        write_progress(&format!(
-            "Type the panel's name, {panel}, to start a cycle with {}; any other input starts nothing:",
-            recipe.display()
-        ));
-        if read_answer_line()?.is_some_and(|answer| answer == panel) {
-            return Ok(Ok(recipe));
+    let proposal = setup::propose(files, shot.cloud, &limits)?;
+    let mut proposed = identify::report(&proposal);
+    let reasons = match proposal.startable() {
+        Err(reasons) => reasons,
+        Ok((panel, recipe)) => {
+            proposed.lines.iter().for_each(|line| write_progress(line));
+            write_progress(&format!(
+                "Type the panel's name, {panel}, to start a cycle with {}; any other input starts nothing:",
+                recipe.display()
+            ));
+            if read_answer_line()?.is_some_and(|answer| answer == panel) {
+                return Ok(Ok(recipe.to_owned()));
+            }
+            vec![]
         }
-    }
+    };
     proposed.add_line("nothing was started; name the recipe with --recipe to start a cycle");
     proposed.lines.extend(reasons.iter().map(|reason| format!("  {} ({})", reason.message, reason.code)));
     proposed.add_value("reasons", json!(reasons));
@@ -177,16 +184,6 @@ fn confirm_proposal(args: &CtlStart, files: &CellFiles, socket: &Path) -> Result
 
 fn to_request(ask: &CtlAsk, socket: &Path) -> Result<RequestKind, Fault> {
     Ok(match ask {
-        CtlAsk::Start { recipe, record, part, count, .. } => RequestKind::Start(StartRequest {
-            recipe: recipe.display().to_string(),
-            text: disk::read_text(recipe)?,
-            record: record.as_ref().map(|file| record_in(file.as_deref())).transpose()?,
-            part: setup::parse_part_names(part.names())?,
-            another_part: count.another_part,
-            lost_passes: count.lost_passes,
-            is_stated_clear: false,
-            own_text: RecipeTextPermission::default(),
-        }),
         CtlAsk::Hold => RequestKind::Table(cycle::Request::Hold),
         CtlAsk::Unhold { dried, decision } => {
             decision_request(socket, cycle::Request::Unhold { dried: *dried }, *decision)?

@@ -8,6 +8,7 @@ use super::fault::{DeviceFault, Fault};
 use super::live::{self, CellDevices, FlangeLink, SimulatedController};
 use super::output::Outcome;
 use super::report;
+use super::simulated::FollowedRobot;
 use panelprep_base::geometry::KukaPose;
 use panelprep_base::supervision::{Supervisor, ThreadFault};
 use panelprep_base::verdict::{Judgement, Reason, Verdict};

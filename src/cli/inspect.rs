@@ -170,7 +170,7 @@ fn row(clip: &Path, inspected: &InspectedClip, labels: &Labels) -> Result<Row, F
 }
 
 /// Returns for each size class its name, the number of true breaks, and how many of them were missed.
-fn detection_by_size(rows: &[Row]) -> Vec<(String, usize, usize)> {
+fn count_detections_by_size(rows: &[Row]) -> Vec<(String, usize, usize)> {
     let breaks = || rows.iter().flat_map(|row| &row.breaks);
     let class = |ends: &[f64]| {
         let of = || breaks().filter(|one| (ends[0]..ends[1]).contains(&one.area_mm2));

@@ -6,14 +6,16 @@
 use super::args::{Common, Identify, Locate, Look, Refine, Shot};
 use super::disk;
 use super::fault::{Fault, TeachingFault};
+use super::identify;
 use super::load::{self, CornerShot};
-use super::output::Outcome;
+use super::output::{Outcome, write_progress};
+use super::shoot::opening::{self, RequestedShot};
 use panelprep_base::geometry::{Base, Flange, FlangeCamera, KukaPose, Panel, Rigid};
 use panelprep_base::verdict::Judgement;
 use panelprep_cell::files;
 use panelprep_cell::panel::TaughtSource;
-use panelprep_service::report::{missing_share, scan_picture};
-use panelprep_service::setup::{self, CellFiles};
+use panelprep_service::report::{missing_fraction, scan_picture};
+use panelprep_service::setup::{self, CellFiles, ProposalLimits};
 use panelprep_service::stages::corners::{CornerReference, Correction, Sighting};
 use panelprep_service::stages::locate::{LocateOutcome, locate};
 use panelprep_vision::calib::budget;
@@ -118,7 +120,7 @@ fn outcome(located: &LocateOutcome<'_>, elapsed_ms: f64) -> Outcome {
 /// # Errors
 /// If a file is invalid, no store exists, or the camera does not deliver.
 pub fn run_identify(args: &Identify, common: &Common) -> Result<Outcome, Fault> {
-    let files = CellFiles::read(common)?;
+    let files = CellFiles::read(&common.paths())?;
     let scan = match &args.scan {
         Some(file) => load::scan(file, &files.scanner()?.value)?,
         None => {
@@ -132,7 +134,7 @@ pub fn run_identify(args: &Identify, common: &Common) -> Result<Outcome, Fault> 
         expected: args.expect.as_deref(),
         serial: args.part.as_deref(),
     };
-    Ok(propose(&files, scan, &limits)?.outcome)
+    Ok(identify::report(&setup::propose(&files, scan, &limits)?))
 }
 
 /// Corrects the located pose and reports the result.
@@ -273,7 +275,7 @@ pub fn run_look(args: &Look, common: &Common) -> Result<Outcome, Fault> {
         outcome.add_line(format!("points {near_mm:.0} to {far_mm:.0} mm from the camera along its axis"));
     }
     outcome.add_line(format!("{}: read [region] corners_px from the pixel ruler in this picture", file.display()));
-    outcome.add_value("missing_share", json!(share));
+    outcome.add_value("missing_fraction", json!(share));
     outcome.add_value("width_px", json!(scan.width()));
     outcome.add_value("height_px", json!(scan.height()));
     outcome.add_value("picture", json!(file));

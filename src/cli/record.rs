@@ -21,9 +21,9 @@ use serde_json::json;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-const HEAD: &str = "head.json";
-const PUBLIC_KEY: &str = "public-key.pem";
-const FILES: &str = "files";
+const HEAD_FILE_NAME: &str = "head.json";
+const PUBLIC_KEY_FILE_NAME: &str = "public-key.pem";
+const FILES_FOLDER_NAME: &str = "files";
 
 /// Runs one task of `panelprep record`.
 ///

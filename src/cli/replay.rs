@@ -26,7 +26,7 @@ pub fn run(args: &Replay) -> Result<Outcome, Fault> {
     let checked = tape::check_recording(open(file)?).map_err(refused)?;
     let recorded = RecordedCycle::read(file, &checked)?;
     let RecordedCycle { cell, recipe, taught, calibrations, lens, removed_before } = recorded;
-    let cell = Arc::new(CellSetup::new(&cell).map_err(Fault::stage)?.replayed());
+    let cell = Arc::new(CellSetup::new(&cell).map_err(Fault::stage)?.for_replay());
     let setup = CycleSetup::new(cell.clone(), recipe, (taught.panel, taught.corners), (calibrations, lens))
         .map(|setup| setup.with_earlier_removal(removed_before));
     let cycle = Some(Arc::new(setup.map_err(Fault::stage)?));

@@ -7,14 +7,14 @@ use super::args::{Common, Run};
 use super::fault::Fault;
 use super::live::CellDevices;
 use super::output::Outcome;
+use super::simulated::{FollowedRobot, SimulatedPerson};
 use panelprep_base::supervision::Supervisor;
 use panelprep_base::verdict::{Judgement, Reason, Verdict};
-use panelprep_cell::cycle::{self, At, Cause, State};
-use panelprep_devices::world::SimulatedWorld;
+use panelprep_cell::cycle::{At, Cause, State};
 use panelprep_service::daemon::{
     self, Computing, Gateway, Interfaces, LastWrittenPage, LiveView, LoopEvent, LoopPorts, LoopStart, Port,
-    RecordedPort, RecordingSwitch, Request, RequestAnswer, RequestCommand, RequestHandler, RequestKind,
-    RequestQueue, RequestSender, Requester as _, ServiceParts, SharedCameras, Socket, StoreRecord,
+    RecordedPort, RecordingSwitch, Request, RequestCommand, RequestHandler, RequestQueue, RequestSender,
+    Requester as _, ServiceParts, SharedCameras, Socket, StoreRecord,
 };
 use panelprep_service::requirements::Purpose;
 use panelprep_service::setup::{Calibrated, CellFiles, CellSetup, CycleLoader, SetupFault, unreadable_reason};
@@ -88,7 +88,10 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
         let found: Vec<Reason> = found.into_iter().map(|words| Reason::new("store_changed", words)).collect();
         handler.on_loop_event(LoopEvent::Noted(found));
     }
-    let mut person = SimulatedPerson { requester: handler, world };
+    let mut requests: Box<dyn Port<RequestCommand>> = match world {
+        Some(world) => Box::new(SimulatedPerson { requester: handler, world }),
+        None => Box::new(handler),
+    };
     let again = files.clone();
     let keep = daemon::picture_store(&store).map_err(Fault::stage)?;
     let mut record = StoreRecord::new(&mut store, left_open);
@@ -114,7 +117,7 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     let ended = ended.map_err(Fault::from_loop_error)?;
     // The page's connections to the store end before the store's own connection. The last connection then leaves a
     // database without a write-ahead log.
-    drop((socket, interfaces, person));
+    drop((socket, interfaces, requests));
     #[expect(clippy::let_underscore_must_use, reason = "a panic in there was reported where it happened")]
     let _ = pages.join();
     let ended = ended.state;
@@ -164,30 +167,4 @@ fn outcome(state: &State) -> Outcome {
     outcome.add_value("state", at.keyword().into());
     outcome.lines[0] = format!("ended in state {}", at.keyword());
     outcome
-}
-
-/// Passes requests on. In a simulated cell, first dries the panel if the request confirms that it is dry.
-struct SimulatedPerson<R> {
-    /// The source of the requests.
-    pub requester: R,
-    /// The simulated world.
-    pub world: Option<SimulatedWorld>,
-}
-
-impl<R: Port<RequestCommand>> Port<RequestCommand> for SimulatedPerson<R> {
-    fn perform(&mut self, command: RequestCommand) -> RequestAnswer {
-        let is_held = matches!(command, RequestCommand::Next(state) if matches!(state.at, At::Held(_)));
-        let begins = matches!(command, RequestCommand::Publish(LoopEvent::Begun(..)));
-        let answer = self.requester.perform(command);
-        let unholds =
-            |request: &Request| matches!(request.what, RequestKind::Table(cycle::Request::Unhold { dried: true }));
-        let dries = match &answer {
-            RequestAnswer::Next(Ok(Some(request))) => is_held && unholds(request),
-            _ => begins,
-        };
-        if let (Some(world), true) = (&self.world, dries) {
-            world.dry_panel();
-        }
-        answer
-    }
 }

@@ -5,6 +5,7 @@ mod inputs;
 use super::args::{Common, Teach};
 use super::disk;
 use super::fault::{Fault, TeachingFault};
+use super::identify;
 use super::load;
 use super::output::{Outcome, write_progress};
 use inputs::ViewedDrawing;
@@ -100,7 +101,7 @@ pub fn run(args: &Teach, common: &Common) -> Result<Outcome, Fault> {
         drawn.report(file, &mut outcome);
         warnings.extend(drawn.warnings());
     }
-    warnings.extend(report_alike_panels((&taught.panel, &recipe), &view, &cell_files, &mut outcome)?);
+    warnings.extend(identify::report_alike_panels((&taught.panel, &recipe), &view, &cell_files, &mut outcome)?);
     for warning in &warnings {
         outcome.add_line(format!("warning: {warning}"));
     }

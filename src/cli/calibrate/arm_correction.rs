@@ -24,7 +24,7 @@ use panelprep_toolpath::path::Kinematics;
 use std::path::Path;
 
 /// Reads the cell's file, if it exists; it only limits the result.
-pub fn cell_if_present(common: &Common) -> Result<Option<Cell>, Fault> {
+pub fn read_cell_if_present(common: &Common) -> Result<Option<Cell>, Fault> {
     if !common.cell.is_file() {
         return Ok(None);
     }

@@ -6,7 +6,7 @@ use super::super::disk;
 use super::super::fault::Fault;
 use super::super::output::Outcome;
 use super::args::{HandEye as Args, MountName};
-use super::arm_correction::{CorrectionInUse, cell_if_present, read_intrinsics};
+use super::arm_correction::{CorrectionInUse, read_cell_if_present, read_intrinsics};
 use super::boards::{self, BoardImage};
 use super::files;
 use super::output::{self, provenance, write_calibration};

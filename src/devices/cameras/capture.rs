@@ -337,7 +337,8 @@ impl PictureQuality {
             picture.rgb.iter().filter(|rgb| is_one(rgb)).count() as f64 / pixels
         };
         PictureQuality {
-            sharpness_gray_per_px: quantile(&mut slopes, 1.0 - STEEPEST_FRACTION, QuantileRank::Floor).unwrap_or(0.0),
+            sharpness_gray_per_px: quantile(&mut slopes, 1.0 - STEEPEST_FRACTION, QuantileRank::Floor)
+                .unwrap_or(0.0),
             saturated_share: share(&|rgb| rgb.iter().any(|level| *level >= MIN_SATURATED_LEVEL)),
             dark_share: share(&|rgb| rgb.iter().all(|level| *level < MAX_DARK_LEVEL)),
             mean_gray: gray.gray.iter().map(|level| f64::from(*level)).sum::<f64>() / pixels,

@@ -3,7 +3,7 @@
 use super::answers::figure;
 use super::ports::Note;
 use crate::setup::CycleSetup;
-use crate::stages::film::{self, FilmCounts, PictureOutcome};
+use crate::stages::film::{self, FilmCounts, FilmRun, PictureOutcome};
 use panelprep_base::geometry::{Base, ColorPicture, Mask, Panel, Rigid};
 use panelprep_base::phase::Phase;
 use panelprep_base::verdict::Verdict;

@@ -88,7 +88,7 @@ fn push_sender(context: &InterfaceContext) -> Result<Option<PushSender>, SetupFa
 /// Watches the line through its digital signals, if the cell's file has a line.
 fn line_front(context: &InterfaceContext, robot: &LinkedRobot) -> Result<Option<LineFront>, SetupFault> {
     let cell = &context.setup.cell;
-    let (Some(line), Some(inputs)) = (cell.line().cloned(), LineParts::bits(cell.inputs_outputs())) else {
+    let (Some(line), Some(inputs)) = (cell.line().cloned(), LineParts::input_bits(cell.inputs_outputs())) else {
         return Ok(None);
     };
     tracing::info!("the line's signals request cycles with the recipe {}", line.recipe.display());

@@ -91,7 +91,7 @@ mod tests;
 pub use alarms::{AlarmId, Alarms};
 pub use camera_lease::{AllCameras, BorrowedFlangeCamera, RemoteScanner, SharedCameras, ShotRequest};
 pub use client::{ClientError, send_to_service, service_axes, service_state};
-pub use computing::{CalibrationCheck, Computing, Memory, SceneKey};
+pub use computing::{CalibrationCheck, Computing};
 pub use error::DaemonError;
 pub use examination::{ExaminationOptions, ExaminedItem, ItemStatus, accept_connection, examine_cell};
 #[cfg(feature = "plant")]

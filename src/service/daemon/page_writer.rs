@@ -44,7 +44,7 @@ pub fn write_pages(
             sign(&again);
             let made = page(cycle, recorded.as_ref());
             if let Ok(page) = &made {
-                written.is(cycle, page);
+                written.set_page(cycle, page);
             }
             log_page(cycle, made);
             prune(&again);

@@ -277,7 +277,7 @@ impl Sender {
         let PushParts { push, files, status } = parts;
         let (push, files, status) = (push.clone(), files.clone(), status.clone());
         let folder = files.store_folder().to_owned();
-        let mut progress: Progress = transfer::read_progress(&folder, PROGRESS);
+        let mut progress: Progress = transfer::read_progress(&folder, PROGRESS_FILE_NAME);
         let to = push.target_folder.to_string();
         if progress.to != to {
             progress = Progress { to, ..Progress::default() };

@@ -3,7 +3,7 @@
 use super::ports::{
     Figure, Finding, Note, PictureStore, Port, RecordAnswer, RecordCommand, RecordError, StoredPicture,
 };
-use crate::setup::FLOOR_MB;
+use crate::setup::MIN_FREE_SPACE_MB;
 use panelprep_base::geometry::ColorPicture;
 use panelprep_base::phase::Phase;
 use panelprep_base::verdict::{Reason, Verdict};

@@ -4,7 +4,7 @@
 //! that is not known is treated as not satisfied. Therefore only a cycle can switch on the tool's output, and water can
 //! be switched on only while the arm is at the pose `park`.
 
-use crate::setup::{DeviceReading, RINSE, Wiring};
+use crate::setup::{DeviceReading, RINSE_OUTPUT_NAME, Wiring};
 use panelprep_base::geometry::Joints;
 use panelprep_base::verdict::{Judgement, Reason};
 use panelprep_cell::cell::{Cell, Feedback, Output};

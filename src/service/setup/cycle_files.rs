@@ -11,7 +11,7 @@ use crate::requirements::recipe_fits::{parse_plausible_recipe, unmet_demands};
 use crate::requirements::to_problems;
 use crate::stages::removal::EarlierRemoval;
 use panelprep_base::config::Problems;
-use panelprep_cell::cell::LensExtent;
+use panelprep_cell::cell::{LensExtent, check_serial_form};
 use panelprep_cell::cycle::Request;
 use panelprep_cell::recipe::{Recipe, SandedReference};
 use panelprep_cell::record::{ON_FOAM, PartNames};
@@ -145,7 +145,7 @@ impl TaughtRecipe {
         let serial = part.as_ref().and_then(|part| part.serial.as_deref());
         let store = files.store()?;
         let earlier = match serial {
-            Some(serial) => store.passes_by_serial(serial, None).map_err(SetupFault::stage)?,
+            Some(serial) => store.sanding_passes_by_serial(serial, None).map_err(SetupFault::stage)?,
             None => vec![],
         };
         let lost =
@@ -162,7 +162,10 @@ impl TaughtRecipe {
         let part = self.part.as_ref();
         let serial = part.and_then(|part| part.serial.as_deref());
         let order = part.and_then(|part| part.order.as_deref());
-        files.cell.part().check(serial, order).map_err(|problem| SetupFault::PartNames(problem))
+        let of_recipe = serial.zip(self.recipe.outline().serial_pattern());
+        let checked = files.cell.part().check(serial, order);
+        let checked = checked.and_then(|()| of_recipe.map_or(Ok(()), |(it, form)| check_serial_form(it, &form)));
+        checked.map_err(SetupFault::PartNames)
     }
 
     /// Checks that the part's abrasions can be counted, and by `[process] max_passes_per_part` that it may be abraded

@@ -134,7 +134,7 @@ impl CycleSetup {
         (panel, corners): (TaughtPanel, Vec<TaughtCorner>),
         (calibrations, lens): (Calibrations, LensExtent),
     ) -> Result<Self, SetupFault> {
-        force_fits(cell.tool.as_ref(), &recipe)?;
+        check_force(cell.tool.as_ref(), &recipe)?;
         if corners.is_empty() {
             return Err(SetupFault::NoCorner);
         }

@@ -7,7 +7,7 @@
 //! ```
 //!
 //! `cell_files` reads the cell's file and, when they are needed, its calibrations; `cameras` the settings of the 3D
-//! camera. `teaching` derives a panel from its taught data, and `cycle_files` combines both with a recipe and the
+//! camera. `teaching` derives a panel from its taught data, `identify` compares a scan with all panels, and `cycle_files` combines both with a recipe and the
 //! `part`; `health` judges by the last verifications whether a cycle may start. The result is the loop's input:
 //! `cycle_setup`, with the `wiring` of the outputs and the `proof_gate` of the controller. `recording` and
 //! `recorded_cycle` are the files of recordings. Every error is a [`SetupFault`].
@@ -21,6 +21,7 @@ mod cycle_setup;
 pub mod disk;
 mod fault;
 mod health;
+mod identify;
 mod pages;
 mod part;
 pub(crate) mod proof_gate;
@@ -42,6 +43,9 @@ pub use cycle_loader::{CycleLoader, unreadable_reason};
 pub use cycle_setup::{Calibrations, CellSetup, CycleSetup};
 pub use fault::SetupFault;
 pub use health::{Equipment, EquipmentList, expiring_verifications, force_hash, judge_health};
+pub use identify::{
+    AlikePanels, PanelProposal, ProposalLimits, RecipeFile, UnusablePanel, find_alike_panels, propose,
+};
 pub use pages::{
     RecordPdf, StoredCycle, cycle_html, cycle_pdf, key, make_missing_pages, page_file, recording_status,
     sign_by_person, sign_missing, signed_pdf,
@@ -51,12 +55,14 @@ pub use proof_gate::ProofGate;
 pub use recipes::{RecipeText, recipe_problems};
 pub use recorded_cycle::{RecordedCycle, plan_recording};
 pub use recording::{
-    FLOOR_MB, RECORDING_FLOOR_MB, RecordingPlan, RecordingResult, RecordingStatus, check_client_file,
-    check_command_file, check_recording_file, disk_full_message, free_mb, open_refusal, recording_file, recordings,
+    MIN_FREE_SPACE_FOR_RECORDING_MB, MIN_FREE_SPACE_MB, RecordingPlan, RecordingResult, RecordingStatus,
+    check_client_file, check_command_file, check_recording_file, disk_full_message, free_mb, open_refusal,
+    recording_file, recordings,
 };
 pub use start::{PassStatement, PreparedCycle, RecipeTextPermission, RecordIn, StartRequest};
 pub use teaching::{LoadedPanel, derive, taught, teaching_of};
 pub use wiring::Wiring;
 pub(crate) use wiring::{
-    DeviceReading, FeedbackContradiction, RINSE, SwitchProof, contrary_reason, is_input_on, unproven_reason,
+    DeviceReading, FeedbackContradiction, RINSE_OUTPUT_NAME, SwitchProof, contrary_reason, is_input_on,
+    unproven_reason,
 };

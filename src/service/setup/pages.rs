@@ -284,7 +284,7 @@ fn read_sheet(store: &Store, record: &CycleRecord) -> Result<RecordSheet, SetupF
     let recipe_text = text(store, &record.recipe_hash);
     let recipe = recipe_text.and_then(|text| Recipe::check("recipe.toml", &text).ok());
     let earlier = match part.as_ref().and_then(|part| part.serial.as_ref()) {
-        Some(serial) => Some(store.passes_by_serial(serial, Some(record.id)).map_err(SetupFault::stage)?),
+        Some(serial) => Some(store.sanding_passes_by_serial(serial, Some(record.id)).map_err(SetupFault::stage)?),
         None => None,
     };
     let earlier: Option<Vec<EarlierCycle>> = earlier.map(|all| all.iter().map(earlier_cycle).collect());

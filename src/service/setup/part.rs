@@ -3,7 +3,7 @@
 
 use super::fault::SetupFault;
 use crate::report::page::{Row, Section};
-use panelprep_base::number_text::{printable, utc_day};
+use panelprep_base::number_text::{check_printable, utc_day};
 use panelprep_cell::record::{ANOTHER_PART_TEXT, CycleRecord, LostPasses, PartNames, describe_part};
 use panelprep_store::store::{PassesOfCycle, Store};
 

@@ -12,9 +12,9 @@ use std::path::{Component, Path, PathBuf};
 
 /// Minimum free disk space at the beginning of a cycle, MB: enough for the cycle's pictures and for the longest journal
 /// of a day.
-pub const FLOOR_MB: u64 = 1_000;
+pub const MIN_FREE_SPACE_MB: u64 = 1_000;
 /// Free disk space below which a recording ends, MB: twice the space that the service needs to begin a cycle.
-pub const RECORDING_FLOOR_MB: u64 = 2 * FLOOR_MB;
+pub const MIN_FREE_SPACE_FOR_RECORDING_MB: u64 = 2 * MIN_FREE_SPACE_MB;
 
 /// The data with which a recording begins, and its file.
 #[derive(Debug, Clone)]
@@ -89,7 +89,9 @@ pub fn free_mb(file: &Path) -> io::Result<u64> {
 
 /// Describes why nothing is recorded on a disk with this free space.
 pub fn disk_full_message(free_mb: u64) -> String {
-    format!("the disk of the recording has {free_mb} MB free (minimum {RECORDING_FLOOR_MB} MB); free some space")
+    format!(
+        "the disk of the recording has {free_mb} MB free (minimum {MIN_FREE_SPACE_FOR_RECORDING_MB} MB); free some space"
+    )
 }
 
 /// Checks, before anything moves, that a recording could begin in this file or, without a file, in this store.
@@ -113,7 +115,7 @@ pub fn check_recording_file(file: Option<&Path>, store: &Path) -> Result<(), Set
     }
     let place = file.unwrap_or(store);
     let free_mb = free_mb(place).map_err(|error| SetupFault::file_fault(place, error))?;
-    if free_mb < RECORDING_FLOOR_MB {
+    if free_mb < MIN_FREE_SPACE_FOR_RECORDING_MB {
         return Err(SetupFault::file_fault(place, disk_full_message(free_mb)));
     }
     Ok(())

@@ -62,6 +62,29 @@ fn teaching_scan_errors(then: &Intrinsics, now: &Intrinsics) -> ScanErrors {
     ScanErrors::from_measured(then.errors.as_ref().or_else(|| now.errors.as_ref().filter(|_| is_same)))
 }
 
+/// The name of a stored calibration in messages.
+const TAUGHT_CALIBRATION: &str = "the taught calibration";
+
+/// Reads the stored data of a teaching and derives the panel from its scan, without the corners. `now` is the present
+/// calibration of the 3D camera.
+///
+/// # Errors
+/// If the scan shows no panel under the region, or a stored calibration is invalid.
+pub(super) fn derive_panel(
+    teaching: &TeachingInputs,
+    recipe: &Recipe,
+    now: &Intrinsics,
+) -> Result<TaughtPanel, SetupFault> {
+    let lens = Intrinsics::check(TAUGHT_CALIBRATION, &teaching.scanner_calibration_text)?;
+    let errors = teaching_scan_errors(&lens, now);
+    let camera = lens.camera;
+    let mount = MountedPose::<ScannerMount>::check(TAUGHT_CALIBRATION, &teaching.base_from_camera_text)?;
+    let cloud = files::read_cloud(&teaching.scan, &camera).map_err(SetupFault::stage)?;
+    // A drawing's rays have none of the camera's errors.
+    let cloud = if recipe.nominal().is_some() { cloud } else { errors.correct_scan(cloud) };
+    TaughtPanel::learn(&cloud, camera, mount.rigid(), recipe).map_err(SetupFault::stage)
+}
+
 /// Reads the stored data of a teaching and derives panel and corners from them; `name` gives the name of a corner
 /// picture in messages.
 ///
@@ -73,15 +96,8 @@ pub fn derive(
     version: String,
     name: &dyn Fn(usize) -> String,
 ) -> Result<LoadedPanel, SetupFault> {
-    let kept = "the taught calibration";
-    let lens = Intrinsics::check(kept, &teaching.scanner_calibration_text)?;
-    let errors = teaching_scan_errors(&lens, now);
-    let camera = lens.camera;
-    let base_from_camera = MountedPose::<ScannerMount>::check(kept, &teaching.base_from_camera_text)?.rigid();
-    let cloud = files::read_cloud(&teaching.scan, &camera).map_err(SetupFault::stage)?;
-    // A drawing's rays have none of the camera's errors.
-    let cloud = if recipe.nominal().is_some() { cloud } else { errors.correct_scan(cloud) };
-    let panel = TaughtPanel::learn(&cloud, camera, base_from_camera, recipe).map_err(SetupFault::stage)?;
+    let kept = TAUGHT_CALIBRATION;
+    let panel = derive_panel(teaching, recipe, now)?;
     let mut corners = Vec::with_capacity(teaching.corners.len());
     let mut problems = Vec::new();
     for (index, shot) in teaching.corners.iter().enumerate() {
@@ -91,7 +107,7 @@ pub fn derive(
         let picture =
             picture.map_err(|error| SetupFault::TaughtCorner { number: index + 1, cause: error.to_string() })?;
         let view = (&picture, shot.base_from_flange.to_rigid());
-        match learn::corner(&panel, (recipe.corner(), index), view, (&camera, mount)) {
+        match learn::teach_corner(&panel, (recipe.corner(), index), view, (&camera, mount)) {
             Ok(corner) => corners.push(corner),
             Err(error) => problems.push(format!("{}: {error}", name(index))),
         }

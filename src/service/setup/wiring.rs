@@ -19,7 +19,7 @@ use panelprep_cell::cycle::{Facts, Switch};
 use panelprep_kuka::eki::{Signal, State};
 
 /// The name of the output that rinses off the dust, if the cell has one.
-pub(crate) const RINSE: &str = "rinse";
+pub(crate) const RINSE_OUTPUT_NAME: &str = "rinse";
 
 /// An output: its number, its bit in `Out` of the state message, the bit of the feedback that proves it, and the bit of
 /// the opposite feedback, if there is one.

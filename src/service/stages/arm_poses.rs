@@ -45,7 +45,8 @@ fn reachable_postures(
     let is_inside = cell.limits().workspace().is_none_or(|workspace| workspace.contains(*base_from_flange * tip));
     let ways = if is_inside { reach::postures(arm, base_from_flange, tip) } else { Vec::new() };
     let drawn = |joints: Joints| {
-        let flange = arm_errors::base_from_flange(cell.arm().geometry(), &joints, &[0.0; arm_errors::ARM_NUMBERS]);
+        let flange =
+            arm_errors::base_from_flange(cell.arm().geometry(), &joints, &[0.0; arm_errors::ARM_PARAMETER_COUNT]);
         ArmPose { joints: Some(joints), base_from_flange: flange }
     };
     ways.into_iter().map(drawn).collect()

@@ -304,7 +304,7 @@ pub(super) fn proofs(cell: &Cell) -> ExaminedItem {
     if robot.kind() == RobotKind::Mock {
         return ExaminedItem::passed(name, "not needed: the mock robot inside the program moves no arm");
     }
-    match robot.requires_signed(ProofStage::C) {
+    match robot.check_stage_signed(ProofStage::C) {
         Ok(()) => ExaminedItem::passed(
             name,
             "stage C is signed for the accepted programs: a cycle on a panel is permitted",

@@ -2,7 +2,7 @@
 //!
 //! The functions `judge_…` convert a fact about the computer or a camera to a check; they are pure functions.
 
-use crate::setup::{FLOOR_MB, clock::now_unix_s, recordings as recordings_folder};
+use crate::setup::{MIN_FREE_SPACE_MB, clock::now_unix_s, recordings as recordings_folder};
 use panelprep_base::verdict::Reason;
 use panelprep_cell::cell::{MainsFrequency, ZividSettings, ZividUse};
 use panelprep_devices::gige::socket_buffer_bytes;
@@ -73,12 +73,14 @@ const MAX_CLOCK_LEAD_S: i64 = 60;
 fn judge_disk(folder: &str, free_mb: u64) -> ExaminedItem {
     let found = format!("{free_mb} MB free on the disk of the store, {folder}");
     match free_mb {
-        ..FLOOR_MB => ExaminedItem::failed(
+        ..MIN_FREE_SPACE_MB => ExaminedItem::failed(
             "disk",
             found,
             format!("free some space: no cycle starts below {MIN_FREE_SPACE_MB} MB; a film needs 100 to 500 MB"),
         ),
-        FLOOR_MB..MIN_FREE_MB => ExaminedItem::passed("disk", format!("{found}; enough for a few cycles only")),
+        MIN_FREE_SPACE_MB..MIN_FREE_MB => {
+            ExaminedItem::passed("disk", format!("{found}; enough for a few cycles only"))
+        }
         _ => ExaminedItem::passed("disk", found),
     }
 }
@@ -401,7 +403,7 @@ mod tests {
         let full = judge_disk("store", MIN_FREE_SPACE_MB - 1);
         assert!(!full.is_passed() && full.advice.contains("1000 MB"));
         let alarm = |free_mb| judge_disk_space("store", free_mb).map(|reason| reason.code.into_owned());
-        let codes = [FLOOR_MB - 1, FLOOR_MB, MIN_FREE_MB].map(alarm);
+        let codes = [MIN_FREE_SPACE_MB - 1, MIN_FREE_SPACE_MB, MIN_FREE_MB].map(alarm);
         assert_eq!(codes, [Some("disk_full".to_owned()), Some("disk_scarce".to_owned()), None]);
         let buffer = |largest| judge_receive_buffer(largest, 20_874_880, Some([5_472, 3_648]));
         assert!(buffer(Some(20_874_880)).is_passed() && buffer(Some(20_874_880)).found.contains("5472×3648"));

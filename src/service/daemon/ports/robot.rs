@@ -9,7 +9,6 @@ use panelprep_cell::cell::Cell;
 use panelprep_cell::force::ForceSetPoint;
 use panelprep_devices::acf::{ConnectedTool, ToolReport};
 use panelprep_devices::robot::{Address, BlockingLink, LineOutputs, StartError, StopLine, link_limits};
-use panelprep_devices::world::Follower;
 use panelprep_kuka::eki;
 use panelprep_kuka::eki::{ClockMode, Command, CommandId, Epoch, MoveLin, QueueError, Report, Time};
 use serde::Serialize;

@@ -6,7 +6,7 @@
 //! recording ends.
 
 use super::super::computing::NICE;
-use crate::setup::{RECORDING_FLOOR_MB, RecordingResult, RecordingStatus, disk_full_message};
+use crate::setup::{MIN_FREE_SPACE_FOR_RECORDING_MB, RecordingResult, RecordingStatus, disk_full_message};
 use panelprep_base::supervision::SupervisedThread;
 use panelprep_store::tape::{Entry, LostEntries, RecordingEnd, Shot, TapeError, Topic, Writer};
 use serde_json::Value;

@@ -6,7 +6,7 @@ use super::queue::{QueueBounds, Recorder};
 use super::*;
 use crate::daemon::ports::{Note, RecordCommand, RecordPort, RequestPort, RobotPort};
 use crate::daemon::request::{Request, RequestKind};
-use crate::setup::{RECORDING_FLOOR_MB, RecordingStatus};
+use crate::setup::{MIN_FREE_SPACE_FOR_RECORDING_MB, RecordingStatus};
 use panelprep_base::geometry::{ColorPicture, KukaPose};
 use panelprep_base::verdict::Judgement;
 use panelprep_cell::cycle::{Id, State};

@@ -7,7 +7,7 @@ use super::messages;
 use super::sessions::Visitor;
 use super::state::{Web, run_blocking};
 use crate::daemon::request::{Reply, RequestKind, RequestResult};
-use crate::setup::{RecipeTextPermission, StartRequest};
+use crate::setup::{self, ProposalLimits, RecipeTextPermission, StartRequest};
 use axum::extract::State;
 use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
@@ -163,24 +163,29 @@ pub(super) async fn identify(
     Extension(visitor): VisitorExtension,
     Json(NamedPart { serial }): Json<NamedPart>,
 ) -> Response {
-    let source = web.front.setup.clone();
+    let files = web.front.setup.clone();
     let cameras = web.front.gateway.cameras.clone();
     let proposed = run_blocking(move || {
         let scan = cameras.ok_or_else(not_opened_reason)?.capture_3d()?;
-        let serial = Some(serial.trim()).filter(|serial| !serial.is_empty());
-        source.propose_recipe(scan, serial).map_err(|problem| Reason::new("bad_input", problem))
+        let limits = ProposalLimits {
+            serial: Some(serial.trim()).filter(|serial| !serial.is_empty()),
+            ..ProposalLimits::default()
+        };
+        setup::propose(&files, scan, &limits).map_err(|fault| Reason::new("bad_input", fault.to_string()))
     });
-    let words = visitor.language();
-    match proposed.await {
-        Some(Ok(RecipeProposal { panel, recipe: Some(recipe), .. })) => {
-            let message = format!("{} {panel}", words.text("run.proposed"));
+    let refused = |reasons| to_response(&visitor, &Reply::refused(RequestResult::Refused, reasons));
+    let proposal = match proposed.await {
+        Some(Ok(proposal)) => proposal,
+        Some(Err(reason)) => return refused(vec![reason]),
+        None => return panic_response(),
+    };
+    match proposal.startable() {
+        Ok((panel, recipe)) => {
+            let message = format!("{} {panel}", visitor.language().text("run.proposed"));
+            let recipe = recipe.file_name().map(|name| name.to_string_lossy());
             Json(json!({ "message": message, "fields": { "recipe": recipe } })).into_response()
         }
-        Some(Ok(RecipeProposal { reasons, .. })) => {
-            to_response(&visitor, &Reply::refused(RequestResult::Refused, reasons))
-        }
-        Some(Err(reason)) => to_response(&visitor, &Reply::refused(RequestResult::Refused, vec![reason])),
-        None => panic_response(),
+        Err(reasons) => refused(reasons),
     }
 }
 

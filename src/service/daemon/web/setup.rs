@@ -11,7 +11,7 @@ use super::layout::{Frame, Script, local_time};
 use super::page_texts::Language;
 use super::state::{Web, entry, run_blocking};
 use super::versions;
-use super::versions::difference;
+use super::versions::show_difference;
 use crate::daemon::examination::{ExaminationOptions, ExaminedItem, examine_cell};
 use crate::setup::{CellFiles, EquipmentList, clock::now_unix_ms, recipe_problems};
 use axum::extract::{Path, Query, State};
