@@ -78,7 +78,7 @@ pub struct Cameras {
 impl Cameras {
     /// Returns the cameras of this world.
     pub fn new(world: Shared) -> Self {
-        let spots = Fixture::shared_fixture().scene(CellContents::Greasy).spots().len();
+        let spots = Fixture::shared().scene(CellContents::Greasy).spots().len();
         Cameras { world, film: None, healed: vec![false; spots], healed_at_ms: None, last: None }
     }
 
@@ -100,7 +100,7 @@ impl Cameras {
 
     /// Marks the spots that the disc covered before this wetting: the film holds on them from now on.
     fn heal(&mut self, world: &Inside, on_ms: u64) {
-        let fixture = Fixture::shared_fixture();
+        let fixture = Fixture::shared();
         let disc_mm = fixture.cycle.recipe.path().disc_diameter_mm();
         let touched = TouchedPoints::reached_by_disc(&world.trace(on_ms), fixture.truth(), disc_mm);
         let takes_off = world.stands != CellContents::Stubborn;
@@ -126,7 +126,7 @@ impl Cameras {
 
     fn scan(&self) -> OrganizedCloud<Camera> {
         let stands = self.world.lock().stands.with_initial_appearance();
-        let render = || Arc::new(Fixture::shared_fixture().scan(stands));
+        let render = || Arc::new(Fixture::shared().scan(stands));
         (**rendered().scans.entry(stands).or_insert_with(render)).clone()
     }
 
@@ -238,7 +238,7 @@ fn film_picture(stands: CellContents, healed: &Healed, step: i64) -> Arc<ColorPi
     if let Some(picture) = rendered.film.get(&key) {
         return picture.clone();
     }
-    let scene = Fixture::shared_fixture().scene(stands);
+    let scene = Fixture::shared().scene(stands);
     let film = rendered.films.entry((stands, healed.clone())).or_insert_with(|| {
         let left = scene.spots().iter().zip(healed).filter(|(_, healed)| !**healed).map(|(spot, _)| spot.clone());
         Arc::new(scene.film_with_spots(&left.collect::<Vec<_>>()))
@@ -256,11 +256,11 @@ fn corner_picture(stands: CellContents, base_from_flange: &Rigid<Base, Flange>) 
     if let Some(picture) = rendered.corners.get(&key) {
         return picture.clone();
     }
-    let place = Fixture::shared_fixture().truth().base_from_panel;
+    let place = Fixture::shared().truth().base_from_panel;
     // The picture is rendered from the rounded pose in the key, so that it does not depend on which caller is first.
     let [x_mm, y_mm, z_mm, a_deg, b_deg, c_deg] = key.1.map(|number| number as f64 / 1e3);
     let from = KukaPose { x_mm, y_mm, z_mm, a_deg, b_deg, c_deg }.to_rigid();
-    let picture = Arc::new(Fixture::shared_fixture().scene(stands).flange_picture_at(&from, &place));
+    let picture = Arc::new(Fixture::shared().scene(stands).flange_picture_at(&from, &place));
     if rendered.corners.len() < MAX_CACHED_PICTURES {
         rendered.corners.insert(key, picture.clone());
     }

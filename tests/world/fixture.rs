@@ -69,7 +69,7 @@ impl CellContents {
 
 impl Fixture {
     /// Returns the fixture that all worlds of this process share.
-    pub fn shared_fixture() -> &'static Fixture {
+    pub fn shared() -> &'static Fixture {
         static FIXTURE: OnceLock<Fixture> = OnceLock::new();
         FIXTURE.get_or_init(Fixture::new)
     }

@@ -152,7 +152,7 @@ fn is_low(controller: &Controller) -> bool {
 
 /// Returns the height of the tool's tip above the panel, mm.
 fn height_mm(controller: &Controller) -> f64 {
-    let fixture = Fixture::shared_fixture();
+    let fixture = Fixture::shared();
     let calibrations = fixture.cycle.calibrations;
     let base_from_tool: Rigid<Base, Tool> = controller.flange_pose() * calibrations.flange_from_tool;
     let panel_from_tool: Rigid<Panel, Tool> = fixture.truth().base_from_panel.inverse() * base_from_tool;
@@ -161,7 +161,7 @@ fn height_mm(controller: &Controller) -> f64 {
 
 /// Returns the limits of the connection from the cell's file, with those that an injected error changes.
 fn limits(sabotage: Option<Sabotage>) -> LinkLimits {
-    let limits = link_limits(&Fixture::shared_fixture().cell);
+    let limits = link_limits(&Fixture::shared().cell);
     sabotage.map_or(limits, |sabotage| sabotage.limits(limits))
 }
 
@@ -173,7 +173,7 @@ pub fn session(sabotage: Option<Sabotage>) -> Session {
 impl Inside {
     /// Jogs the arm to its park pose, as a person does, if the arm is stationary.
     pub fn jogs_to_park(&mut self) {
-        if self.cell.controller.jog_to(super::fixture::Fixture::shared_fixture().setup.park_pose) {
+        if self.cell.controller.jog_to(super::fixture::Fixture::shared().setup.park_pose) {
             self.oracles.jogged(self.cell.controller.joints());
             self.counts.jogs += 1;
         }

@@ -110,7 +110,7 @@ fn agrees(world: &mut Inside, state: &State) {
         world.wrong("facts", "the lens is taken for clear, and it is shut".to_owned());
     }
     if facts.arm == Some(Path::Park) && state.due.is_none() {
-        let park = super::fixture::Fixture::shared_fixture().setup.park_pose;
+        let park = super::fixture::Fixture::shared().setup.park_pose;
         let off_deg = world.cell.controller.joints().max_difference_deg(&park);
         if off_deg > PARKED_DEG {
             world.wrong("facts", format!("the arm is taken for parked, and stands {off_deg:.2}° off"));
@@ -124,7 +124,7 @@ fn agrees(world: &mut Inside, state: &State) {
 
 /// Checks the cell when a 3D shot is about to be captured.
 pub fn scans(world: &mut Inside) {
-    let park = super::fixture::Fixture::shared_fixture().setup.park_pose;
+    let park = super::fixture::Fixture::shared().setup.park_pose;
     let is_parked = world.cell.controller.joints().max_difference_deg(&park) <= PARKED_DEG;
     let moves = world.cell.controller.is_moving();
     let is_lit = world.is_on(1);

@@ -69,7 +69,7 @@ fn one_store(seed: u64, sabotage: Option<Sabotage>, killed: &mut Killed) -> Resu
     let folder = fixture::folder("killed");
     let _ = std::fs::remove_dir_all(&folder);
     let store = folder.join("store-0");
-    Fixture::shared_fixture().put_store(&store);
+    Fixture::shared().put_store(&store);
     let mut draw = Pcg64::seed_from_u64(seed);
     let mut ledger = Ledger::default();
     for process in 0..MAX_PROCESSES {

@@ -255,7 +255,7 @@ impl Running {
     fn whole(&mut self) {
         // Removes the folder that an earlier world of this thread left.
         let _ = std::fs::remove_dir_all(&self.folder);
-        Fixture::shared_fixture().put_store(&self.store());
+        Fixture::shared().put_store(&self.store());
         self.watch();
         loop {
             let lives = {
@@ -388,12 +388,8 @@ impl Running {
             computing: Computing::remembering(cameras, (MEMORY.clone(), sees), false),
             lock_step: false,
         };
-        let start = LoopStart {
-            cell: Fixture::shared_fixture().setup.clone(),
-            cycle: None,
-            state,
-            before: LoopMemoryStart::Boot,
-        };
+        let start =
+            LoopStart { cell: Fixture::shared().setup.clone(), cycle: None, state, before: LoopMemoryStart::Boot };
         let left = daemon::run(start, ports).map_err(|error| ("the loop continues", error.to_string()))?.state;
         if left.at.is_at_rest() {
             Ok(())

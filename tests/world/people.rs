@@ -400,7 +400,7 @@ impl Inside {
 }
 
 fn begin(Stated { is_another_part, lost_passes }: Stated) -> RequestKind {
-    let mut prepared = Fixture::shared_fixture().prepared();
+    let mut prepared = Fixture::shared().prepared();
     if is_another_part {
         prepared.start.file_texts.push((ANOTHER_PART_TEXT.to_owned(), "yes".to_owned()));
     }

@@ -110,7 +110,7 @@ impl Inside {
 
     /// Returns the axis positions to which a person jogs the arm; `None` if the tool would be in the panel.
     fn jogged_to(&self, jog: Jog) -> Option<Joints> {
-        let (near, park) = (near_panel(f64::from(jog.height_mm))?, Fixture::shared_fixture().setup.park_pose);
+        let (near, park) = (near_panel(f64::from(jog.height_mm))?, Fixture::shared().setup.park_pose);
         let share = f64::from(jog.percent.min(100)) / 100.0;
         let axis = |index: usize| near.degrees()[index] + (park.degrees()[index] - near.degrees()[index]) * share;
         let to = Joints::from(std::array::from_fn(axis));
@@ -174,7 +174,7 @@ impl Inside {
 
     /// Checks that contact ends if the measured pose is far from the path.
     fn judge_measured(&mut self, moved: bool) {
-        let far_mm = MAX_DEVIATION_FACTOR * deviation_limit_mm(Fixture::shared_fixture().cycle.recipe.path());
+        let far_mm = MAX_DEVIATION_FACTOR * deviation_limit_mm(Fixture::shared().cycle.recipe.path());
         let is_far = self.cell.controller.pose_deviation_mm() > far_mm + MAX_CONTACT_HEIGHT_MM
             && self.is_calm_but_for_feedback();
         if !(is_far && self.is_in_contact(moved)) {
@@ -201,7 +201,7 @@ impl Inside {
 
 /// Returns the height of the tool's tip above the panel's surface, and its distance beside the outline, mm.
 fn above_panel(base_from_flange: &Rigid<Base, Flange>) -> (f64, f64) {
-    let fixture = Fixture::shared_fixture();
+    let fixture = Fixture::shared();
     let tool: Rigid<Base, Tool> = *base_from_flange * fixture.cycle.calibrations.flange_from_tool;
     let panel_from_base: Rigid<Panel, Base> = fixture.truth().base_from_panel.inverse();
     let tip: Point<Panel> = panel_from_base * tool.origin();
@@ -210,7 +210,7 @@ fn above_panel(base_from_flange: &Rigid<Base, Flange>) -> (f64, f64) {
 
 /// Returns the axis positions for the tool at this height above the panel's middle, perpendicular to the panel.
 fn near_panel(height_mm: f64) -> Option<Joints> {
-    let fixture = Fixture::shared_fixture();
+    let fixture = Fixture::shared();
     let truth = fixture.truth();
     let middle: Point<Panel> = Point::at(PANEL_MIDDLE_MM[0], PANEL_MIDDLE_MM[1], PANEL_MIDDLE_MM[2]);
     let normal = truth.normal(middle).mm.normalize();
