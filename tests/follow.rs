@@ -1,10 +1,10 @@
 //! Tests how a person or a script follows a cell: `ctl state`, `ctl watch`, `ctl start --wait`, and files for the next
 //! command.
 
-use super::commands::{TEACH, json, rendered};
+use super::commands::{TEACH, json, rendered, started};
 use super::service::{START, Service, taught};
 use serde_json::Value;
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, Write};
 use std::process::{Command, Stdio};
 
 /// `--wait` ends with the cycle and returns its exit code. Meanwhile `watch` prints each change, one object per line.
@@ -49,15 +49,20 @@ fn a_cycle_is_followed_to_its_end() {
     let (exit, refused) = service.ctl(&format!("{START} --part SN\u{1}7"));
     assert!(exit == 2 && refused["reasons"].to_string().contains("control characters"), "{refused}");
 
-    // A held cell reports the phase in which it will continue. A client that waits continues to wait, and is informed
-    // of the stop.
-    let mut waits = Command::new(env!("CARGO_BIN_EXE_panelprep"))
-        .args(format!("ctl {START} --wait --cell cell/cell.toml").split_whitespace())
-        .current_dir(folder)
-        .stderr(Stdio::null())
-        .stdout(Stdio::null())
-        .spawn()
-        .expect("the program starts");
+    // A start without a recipe proposes that of the panel in the cell; nothing starts before the panel's name is typed.
+    let start_proposed = |typed: &str| {
+        let mut starts = started(folder, "ctl start --wait --cell cell/cell.toml");
+        starts.stdin.take().expect("piped").write_all(typed.as_bytes()).expect("it reads");
+        starts
+    };
+    let refused = start_proposed("yes\n").wait_with_output().expect("it ends");
+    let proposed = object(String::from_utf8(refused.stdout).expect("UTF-8"));
+    assert_eq!((refused.status.code(), proposed["panel"].as_str()), (Some(2), Some(panel)), "{proposed}");
+    assert_eq!(service.state(), "idle");
+
+    // A held cell reports where it will continue. A client that waits continues to wait, and is informed of the
+    // stop.
+    let mut waits = start_proposed(&format!("{panel}\n"));
     service.wait("work", |service| service.state() == "execute");
     service.done("hold");
     service.reach("held");

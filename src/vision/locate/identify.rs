@@ -1,6 +1,6 @@
 //! Which of several taught panels is in a scan?
 //!
-//! Each taught panel whose area is in the scan is located, and the gate judges its fit. Two panels that differ little
+//! Each taught panel whose size is in the scan is located, and the gate judges its fit. Two panels that differ little
 //! may both pass the gate, since it allows a part of the outline to lie elsewhere. Therefore the best panel is compared
 //! with every other one at the places at which the two differ (`difference`). It is accepted only if the scan shows it
 //! there and not the other one. A part that distinguishes two panels and is not seen is no agreement: then a person
@@ -200,7 +200,7 @@ fn locate_one<'a>(
     settings: &recipe::Locate,
 ) -> Result<Located<'a>, LocateError> {
     let prepared = PreparedScan::new((candidate.panel, candidate.model), view, settings);
-    check_area(&prepared)?;
+    check_size(&prepared)?;
     let fit = prepared.locate()?;
     let camera_from_panel = view.base_from_camera.inverse() * fit.base_from_panel;
     let (inputs, model) = (prepared.inputs(), &candidate.model.model);
@@ -223,21 +223,24 @@ fn locate_one<'a>(
     Ok(Located { candidate, found, placed, contradiction })
 }
 
-/// Checks whether a piece in the search box has the panel's area, as far as the gate allows the panel to be hidden: the
-/// gate would reject any other piece after a whole search.
-fn check_area(prepared: &PreparedScan<'_>) -> Result<(), LocateError> {
+/// Checks whether a piece in the search box has the panel's area and reach, as far as the gate allows the panel to be
+/// hidden: the gate would reject any other piece after a whole search.
+fn check_size(prepared: &PreparedScan<'_>) -> Result<(), LocateError> {
     let (model, grid) = (&prepared.taught_model.model, &prepared.grid);
     let min_share = gate::min_reviewed_overlap(prepared.settings);
     let outline_mm: f64 = model.outline.iter().map(|sample| sample.length_mm).sum();
-    let candidates = search::candidates(model, grid, &prepared.pieces);
-    let has_area = candidates.iter().any(|piece| {
+    let reach_mm = search::reach_mm(model);
+    let is_alike = |found: f64, taught: f64, resolution: f64| {
+        found + resolution >= min_share * taught && min_share * (found - resolution) <= taught
+    };
+    let has_size = search::candidates(model, grid, &prepared.pieces).iter().any(|piece| {
         // A block may be missing everywhere along the border.
-        let border_mm2 = outline_mm * grid.factor as f64 * piece.centre.z / grid.camera.fx_px;
-        piece.area_mm2 + border_mm2 >= min_share * model.area_mm2
-            && min_share * (piece.area_mm2 - border_mm2) <= model.area_mm2
+        let block_mm = grid.factor as f64 * piece.centre.z / grid.camera.fx_px;
+        is_alike(piece.area_mm2, model.area_mm2, outline_mm * block_mm)
+            && is_alike(piece.reach_mm, reach_mm, 2.0 * block_mm)
     });
-    // If large parts of the panel gave no points, its area is not known: the search decides.
-    if has_area || model.has_missing_parts() {
+    // If large parts of the panel gave no points, its size is not known: the search decides.
+    if has_size || model.has_missing_parts() {
         return Ok(());
     }
     Err(super::no_fit_error(model, &prepared.pieces, prepared.inside.iter().filter(|inside| **inside).count()))

@@ -102,10 +102,10 @@ pub fn panels(scenes: RangeInclusive<u64>) -> usize {
 fn report([right, undecided, wrong]: [usize; 3], [accepted, others]: [usize; 2], median_ms: f64) -> usize {
     let count = right + undecided + wrong;
     let found = format!("{wrong} of {count}");
-    Figure("identify: panels taken for another one").report("0", &found, wrong == 0 && count > 0);
-    super::shared(Figure("identify: decided"), right, count, DECIDED);
+    Figure("locate: panels taken for another one").report("0", &found, wrong == 0 && count > 0);
+    super::shared(Figure("locate: panels identified"), right, count, DECIDED);
     let found = format!("{accepted} of {others}");
-    Figure("identify: panels that were not taught and were accepted").report("0", &found, accepted == 0);
+    Figure("locate: panels accepted that were not taught").report("0", &found, accepted == 0);
     println!("{undecided} of {count} are undecided and reported; {median_ms:.0} ms for a scan, median");
     row(wrong == 0, &format!("{wrong} of {count} panels are taken for another one"))
         + row(accepted == 0, &format!("{accepted} of {others} panels that were not taught are accepted"))

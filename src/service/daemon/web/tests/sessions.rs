@@ -71,7 +71,14 @@ async fn requests_go_to_the_loop_in_the_persons_name_and_a_stop_needs_none() {
         let told = site.post(&engineer, &format!("/request/{decision}"), "{\"dried\":true}").await;
         assert_eq!(told.status, StatusCode::UNPROCESSABLE_ENTITY, "{decision} without its step");
     }
-    let sha256 = site.setup.recipe("panel.toml").expect("it is offered").sha256();
+    // A proposal needs the cameras, which this service does not have, and is no request to the loop.
+    let proposed = site.post(&operator, "/request/identify", r#"{"recipe":"panel.toml","serial":"7"}"#).await;
+    assert!(
+        proposed.status == StatusCode::CONFLICT && proposed.body.contains("\"code\":\"not_now\""),
+        "{}",
+        proposed.body
+    );
+    let sha256 = Source::default().recipe("panel.toml").expect("it is offered").sha256();
     let start =
         |sha256: &str| format!(r#"{{"recipe":"panel.toml","sha256":"{sha256}","serial":"7","is_clear":true}}"#);
     // The recipe was changed after the page was loaded: no request reaches the loop.
