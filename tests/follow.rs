@@ -1,7 +1,7 @@
 //! Tests how a person or a script follows a cell: `ctl state`, `ctl watch`, `ctl start --wait`, and files for the next
 //! command.
 
-use super::commands::{TEACH, json, rendered, started};
+use super::commands::{TEACH, json, rendered, start_program};
 use super::service::{START, Service, taught};
 use serde_json::Value;
 use std::io::{BufRead, BufReader, Write};
@@ -51,7 +51,7 @@ fn a_cycle_is_followed_to_its_end() {
 
     // A start without a recipe proposes that of the panel in the cell; nothing starts before the panel's name is typed.
     let start_proposed = |typed: &str| {
-        let mut starts = started(folder, "ctl start --wait --cell cell/cell.toml");
+        let mut starts = start_program(folder, "ctl start --wait --cell cell/cell.toml");
         starts.stdin.take().expect("piped").write_all(typed.as_bytes()).expect("it reads");
         starts
     };

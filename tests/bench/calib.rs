@@ -83,7 +83,7 @@ fn finished(missed: usize) -> ExitCode {
 }
 
 /// Returns the value below which this share of all values lies.
-fn share(values: &mut [f64], share: f64) -> f64 {
+fn value_quantile(values: &mut [f64], share: f64) -> f64 {
     quantile(values, share, QuantileRank::Covering).expect("values")
 }
 

@@ -117,6 +117,8 @@ pub use ports::{
 pub use protocol::{MAX_BYTES, ProtocolError, read_request, request_line};
 pub use push::{PushParts, PushSender};
 pub use recording::{StoreRecord, picture_store};
+#[cfg(any(test, feature = "testing"))]
+pub use remembered::{Memory, SceneKey};
 pub use replay::{Difference, Player, RecordedPort, Recording, RecordingSwitch, ReplayResult};
 pub use request::{Reply, Request, RequestKind, RequestResult};
 pub use request_handler::{EndedCycle, LastWrittenPage, RequestHandler, ServiceParts, wait_for};

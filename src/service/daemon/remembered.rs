@@ -15,7 +15,7 @@ use super::computing::{Computing, PerformWork, WorkInput, WorkResult, Worker};
 use super::films::{self, DryPicture, FilmEvaluation, FilmedPanel, JudgedFilm, film_setup};
 use super::perception::Perception;
 use super::ports::{CameraPort, Note};
-use super::setup::CycleSetup;
+use crate::setup::CycleSetup;
 use crate::stages::film::{FilmCounts, FilmRun, PictureOutcome};
 use panelprep_base::geometry::{ColorPicture, Mask};
 use panelprep_base::phase::Phase;

@@ -12,7 +12,7 @@ const TURN_SOURCE_PATH: &str = "src/cell/cycle/turn.rs";
 pub(super) const ALL: [Mutation; 18] = [
     change(
         "an epoch that the link ends while the cell is reset or cleared is taken for open",
-        STEP,
+        STEP_SOURCE_PATH,
         "self.state.facts.end_epoch(Epoch::Changing);",
         "if !matches!(self.state.at, At::Resetting | At::Clearing { .. }) { self.state.facts.end_epoch(Epoch::Changing); }",
     ),
@@ -36,25 +36,30 @@ pub(super) const ALL: [Mutation; 18] = [
     ),
     change(
         "the tool is switched on without extraction",
-        INTERLOCKS,
+        INTERLOCKS_SOURCE_PATH,
         "vec![N::FullOverride, N::Epoch, N::Drained, N::ExtractionFlowing, at_approach]",
         "vec![N::FullOverride, N::Epoch, N::Drained, at_approach]",
     )
     .and(
-        INTERLOCKS,
+        INTERLOCKS_SOURCE_PATH,
         "[N::FullOverride, N::Epoch, N::Drained, N::ExtractionFlowing, N::Token];",
         "[N::FullOverride, N::Epoch, N::Drained, N::Token];",
     ),
-    change("water runs while the lens is open", INTERLOCKS, "N::ToolOff, N::LensGuarded]", "N::ToolOff]"),
+    change(
+        "water runs while the lens is open",
+        INTERLOCKS_SOURCE_PATH,
+        "N::ToolOff, N::LensGuarded]",
+        "N::ToolOff]",
+    ),
     change(
         "a 3D shot does not ask for a parked arm",
-        INTERLOCKS,
+        INTERLOCKS_SOURCE_PATH,
         "vec![N::WaterOff, parked, N::LightOff, N::LensClear],",
         "vec![N::WaterOff, N::LightOff, N::LensClear],",
     ),
     change(
         "a 3D shot does not ask for the light to be off",
-        INTERLOCKS,
+        INTERLOCKS_SOURCE_PATH,
         "Action::Locate => vec![N::WaterOff, parked, N::LightOff, N::LensClear],",
         "Action::Locate => vec![N::WaterOff, parked, N::LensClear],",
     ),
@@ -90,7 +95,7 @@ pub(super) const ALL: [Mutation; 18] = [
     ),
     change(
         "a cycle makes one pass more than it may",
-        EXECUTE,
+        EXECUTE_SOURCE_PATH,
         "self.state.job.pass < self.state.job.max_passes;",
         "self.state.job.pass <= self.state.job.max_passes;",
     ),
@@ -102,7 +107,7 @@ pub(super) const ALL: [Mutation; 18] = [
     ),
     change(
         "what a contact path did is not graded",
-        EXECUTE,
+        EXECUTE_SOURCE_PATH,
         "self.state.at = At::Execute(Phase::Assess { left: false });",
         "self.state.at = At::Execute(Phase::Rinse);",
     ),

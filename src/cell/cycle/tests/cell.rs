@@ -132,7 +132,7 @@ impl Cell {
     pub fn feed(&mut self, event: Event) -> Result<(), String> {
         let before = self.state;
         let due = before.due;
-        self.happen(event);
+        self.apply_to_truth(event);
         let (state, effects) = step_without(self.dropped, before, event);
         self.journal.push(event);
         self.state = state;

@@ -214,7 +214,7 @@ fn chain_all_rows(connection: &Connection) -> super::chain::ChainPosition {
         let mut statement = connection.prepare(&sql).expect("a query");
         let mut rows = statement.query([]).expect("rows");
         while let Some(row) = rows.next().expect("a row") {
-            place = super::chain::add(connection, place, part, row.get(0).expect("its key")).expect("a link");
+            place = super::chain::add_link(connection, place, part, row.get(0).expect("its key")).expect("a link");
         }
     }
     place

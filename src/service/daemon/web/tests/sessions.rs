@@ -78,7 +78,7 @@ async fn requests_go_to_the_loop_in_the_persons_name_and_a_stop_needs_none() {
         "{}",
         proposed.body
     );
-    let sha256 = Source::default().recipe("panel.toml").expect("it is offered").sha256();
+    let sha256 = site.setup.recipe("panel.toml").expect("it is offered").sha256();
     let start =
         |sha256: &str| format!(r#"{{"recipe":"panel.toml","sha256":"{sha256}","serial":"7","is_clear":true}}"#);
     // The recipe was changed after the page was loaded: no request reaches the loop.
