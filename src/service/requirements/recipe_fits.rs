@@ -188,7 +188,7 @@ mod tests {
         assert_eq!(outside.len(), 1);
         assert_eq!(
             outside[0].message,
-            "the corner (12970, 0) is outside of the scanner's picture of 1944 × 1200 px"
+            "the corner (12970, 0) is outside of the scanner's picture of 1944 × 1200 px: set a corner inside"
         );
         let box_of = |high: &str| parse_plausible_recipe("recipe.toml", &text("9.0, 0.0", high)).map(drop);
         assert_eq!(box_of("[170, 480, 4]"), Ok(()));

@@ -199,7 +199,7 @@ fn a_film_lasts_until_the_client_ends_it() {
     }
     assert_eq!(scanner.end_clip().expect("ended"), 4);
     assert_eq!(bench.counts.films_ended.load(Ordering::Relaxed), 1);
-    refused(scanner.next_clip_picture(), "is not recording a clip");
+    refused(scanner.next_clip_picture(), "no clip was started with the scanner");
     refused(scanner.begin_clip(0.0), "valid: more than 0, at most 100");
     assert!(scanner.capture_3d().is_ok(), "the cameras are free again");
 }

@@ -187,7 +187,7 @@ fn the_end_does_not_wait_for_a_disk_that_hangs() {
     let written = recording.finish();
     assert!(
         written.is == RecordingStatus::NotWhole
-            && written.message.ends_with("the disk of the recording accepted no data for 0.05 s"),
+            && written.message.ends_with("the disk of the recording accepted no data for 0.05 s; check the disk"),
         "{written:?}"
     );
     drop(go);

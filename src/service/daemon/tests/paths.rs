@@ -294,7 +294,7 @@ fn only_areas_around_breaks_are_abraded() {
     assert_eq!(reached.collect::<BTreeSet<_>>(), both);
     let films = by_break.findings.iter().filter(|finding| finding.kind == Kind::Inspect);
     let judged = |film: &Finding| {
-        let references = film.details.keys().filter(|detail| detail.starts_with("judged by the "));
+        let references = film.details.keys().filter(|detail| detail.starts_with("evaluated by the "));
         references.flat_map(|detail| film.names(detail)).collect::<BTreeSet<_>>().len()
     };
     // No grid is sanded before the first film, so the finding of this film contains no reference.

@@ -259,7 +259,7 @@ fn the_page_of_an_air_run_releases_nothing() {
     flown.motions[0].motion.path = Path::Air;
     for page in [asked_for, flown] {
         let html = cycle_page(&page, &BTreeMap::new()).html();
-        assert!(html.contains("cycle 7, air-run</h1>") && html.contains("neither tested nor abraded"), "{html}");
+        assert!(html.contains("cycle 7, air-run</h1>") && html.contains("neither tested nor sanded"), "{html}");
         assert!(!html.contains("<h2>Water, lamp and films</h2>"), "{html}");
     }
     let refused = asked(RequestedAction::For(Request::AirRun { max_moves: 3 }), Some(Answer::Refused));
