@@ -106,7 +106,7 @@ fn a_clip_is_labelled_and_scored_against_its_labels() {
     let problems = body(&refused)["problems"].to_string();
     assert!(refused.starts_with("HTTP/1.1 422"), "{refused}");
     assert!(
-        problems.contains("break 1: it begins at") && problems.contains("after the clip's last wet picture"),
+        problems.contains("break 1: the break begins at") && problems.contains("after the clip's last wet picture"),
         "{problems}"
     );
     assert!(problems.contains("break 2") && problems.contains("found 2 corners, at least 3"), "{problems}");

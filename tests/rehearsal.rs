@@ -117,7 +117,7 @@ fn a_path_on_a_real_controller_needs_the_signed_stage() {
         let words = said(signed, command);
         assert!(!words.contains("signed"), "{signed} {command}: {words}");
     }
-    assert!(said("", "air-run --on-foam").contains("touches nothing"));
+    assert!(said("", "air-run --on-foam").contains("an air-run has no contact"));
 }
 
 /// An integrator's own programs run together with the shipped ones. Statements that the mock does not execute are

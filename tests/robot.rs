@@ -72,7 +72,9 @@ fn each_function_goes_through_its_gate() {
     let (exit, output, _) = robot(folder, "move-lin 1,2,3");
     assert_eq!(exit, 2);
     assert!(
-        output["reasons"][0]["message"].as_str().is_some_and(|words| words.contains("six are needed")),
+        output["reasons"][0]["message"]
+            .as_str()
+            .is_some_and(|words| words.contains("found 3 numbers, expected six")),
         "{output}"
     );
 }
@@ -252,6 +254,6 @@ fn the_proofs_are_tried_or_asked_of_a_person() {
     assert!(page.contains("trace 1") && page.contains("it stopped") && page.contains("By Ada"), "{page}");
     assert_eq!(page.matches("<tr class=").count(), proofs.len());
     // A mock controller was tested, which proves nothing: the page states this, and cannot be signed.
-    assert!(page.contains("proves nothing about a real controller") && !page.contains("signature"), "{page}");
+    assert!(page.contains("not valid for a real controller") && !page.contains("signature"), "{page}");
     assert!(reported["mock"] == true && reported["reasons"][0]["code"] == "mock_controller", "{reported}");
 }

@@ -35,11 +35,8 @@ fn a_number_out_of_range_is_reported_with_what_is_allowed() {
         ("robot set-speed 1000", ["\"1000\"", "1 to 250 mm/s ([limits] max_speed_mm_s"]),
         ("robot set-speed -1", ["\"-1\"", "1 to 250 mm/s"]),
         ("shoot film --out f --seconds -1", ["'-1'", "the limits are 0.1 to 600 s"]),
-        ("shoot scan --out f --line-parts 3", ["--line-parts is for a whole cycle", "leave the option out"]),
-        (
-            "shoot scan --out f --tool-fault silent@40",
-            ["--tool-fault is for a whole cycle", "leave the option out"],
-        ),
+        ("shoot scan --out f --line-parts 3", ["--line-parts is for a whole cycle", "omit the option"]),
+        ("shoot scan --out f --tool-fault silent@40", ["--tool-fault is for a whole cycle", "omit the option"]),
         ("render --out r --clips 100000", ["100000", "0..=1000"]),
         ("new recipe --yes --panel door --rows 0 --out n.toml", ["--rows \"0\"", "1 to 50"]),
         ("new recipe --yes --panel door --columns -2 --out n.toml", ["--columns \"-2\"", "1 to 50"]),

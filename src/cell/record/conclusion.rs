@@ -122,8 +122,8 @@ const OTHER_EXTENT_CODES: [&str; 3] = ["outline_differs", "low_overlap", "seen_t
 const UNUSABLE_SCAN_CODES: [&str; 2] = ["camera_moved", "other_scan"];
 
 /// Returns whether there was no part in the cell. In this case the last localization was rejected, either because the
-/// search box is empty, or because both the surface and the extent of the object differ so much from those of the
-/// taught panel that each of them leads to a rejection. If only one of them differs, the object may be a damaged part,
+/// search box is empty, or because the surface of the object and its extent each differ from those of the taught panel
+/// by more than the limit of a rejection. If only one of them differs, the object may be a damaged part,
 /// which is a nonconformance. A cycle with a film or a sanding pass had a part.
 fn found_no_part(findings: &[Finding]) -> bool {
     if findings.iter().any(|finding| matches!(finding.kind, Kind::Inspect | Kind::Abrade)) {

@@ -7,10 +7,10 @@
 //! ```
 //!
 //! `cell_files` reads the cell's file and, when they are needed, its calibrations; `cameras` the settings of the 3D
-//! camera. `teaching` derives a panel from its taught data, `identify` compares a scan with all panels, and `cycle_files` combines both with a recipe and the
-//! `part`; `health` judges by the last verifications whether a cycle may start. The result is the loop's input:
-//! `cycle_setup`, with the `wiring` of the outputs and the `proof_gate` of the controller. `recording` and
-//! `recorded_cycle` are the files of recordings. Every error is a [`SetupFault`].
+//! camera. `teaching` derives a panel from its taught data, and `identify` compares a scan with all panels.
+//! `cycle_files` combines both with a recipe and the `part`; `health` judges by the last verifications whether a cycle
+//! may start. The result is the loop's input: `cycle_setup`, with the `wiring` of the outputs and the `proof_gate` of the
+//! controller. `recording` and `recorded_cycle` are the files of recordings. Every error is a [`SetupFault`].
 
 pub mod cameras;
 mod cell_files;

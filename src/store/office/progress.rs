@@ -127,7 +127,7 @@ pub fn compare(cell: &[ListEntry], office: &[ListEntry]) -> Comparison {
                 found.hash
             )),
             None => missing.push(format!(
-                "{} has not been received by the office server yet, it is sent again automatically: {}",
+                "{} has not been received by the office server yet and is sent again automatically: {}",
                 name_position(&position),
                 line.kind.keyword()
             )),

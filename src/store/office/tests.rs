@@ -188,7 +188,7 @@ fn two_lists_are_compared_by_name_and_hash() {
     assert_eq!(compared.equal_items, 1);
     for (words, part) in compared.differences.iter().zip([
         "number 2 of epoch 0123456789abcdef0123456789abcdef differs: the cell has a cycle with the SHA-256 bb",
-        "number 3 of epoch 0123456789abcdef0123456789abcdef has not been received by the office server yet, it is sent again automatically: cycle",
+        "number 3 of epoch 0123456789abcdef0123456789abcdef has not been received by the office server yet and is sent again automatically: cycle",
         "number 9 of epoch 0123456789abcdef0123456789abcdef is on the office server, but not in the cell; run panelprep store verify on the cell",
     ]) {
         assert!(words.starts_with(part), "{words}");

@@ -91,8 +91,8 @@ pub(super) const ALL: [Mutation; 15] = [
     change(
         "a connection that swallows commands is kept for ever",
         TIMING_SOURCE_PATH,
-        "const MAX_UNACKNOWLEDGED: u32 = 2;",
-        "const MAX_UNACKNOWLEDGED: u32 = 1_000_000;",
+        "const MAX_UNACKNOWLEDGED_EPOCHS: u32 = 2;",
+        "const MAX_UNACKNOWLEDGED_EPOCHS: u32 = 1_000_000;",
     ),
     change(
         "heartbeats come each second",

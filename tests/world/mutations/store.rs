@@ -35,7 +35,7 @@ pub(super) const ALL: [Mutation; 19] = [
     change(
         "the folder of the store's files is not flushed",
         BLOBS_SOURCE_PATH,
-        r#"flush::names(&self.folder).map_err(file_error("flush", &self.folder))"#,
+        r#"flush::flush_folder(&self.folder).map_err(file_error("flush", &self.folder))"#,
         "Ok(())",
     ),
     change(

@@ -50,10 +50,14 @@ fn an_arm_other_than_the_cells_does_not_move() {
 fn a_motion_in_automatic_mode_needs_stage_a() {
     use panelprep_cell::cell::SignedPage;
     let unsigned = |host: &str| {
-        Cell::check("cell.toml", &format!("[robot]\nkind = 'eki'\nhost = '{host}'\nprograms_sum = 1\n[io.outputs]\nspray = 3\n"))
-            .unwrap_or_else(|problems| panic!("{problems}"))
+        Cell::check(
+            "cell.toml",
+            &format!("[robot]\nkind = 'eki'\nhost = '{host}'\nprograms_sum = 1\n[io.outputs]\nspray = 3\n"),
+        )
+        .unwrap_or_else(|problems| panic!("{problems}"))
     };
-    let text = "[robot]\nkind = 'eki'\nhost = 'krc'\nprograms_sum = 1\nsigned_stage = 'A'\n[io.outputs]\nspray = 3\n";
+    let text =
+        "[robot]\nkind = 'eki'\nhost = 'krc'\nprograms_sum = 1\nsigned_stage = 'A'\n[io.outputs]\nspray = 3\n";
     let signed = Cell::check("cell.toml", text).unwrap_or_else(|problems| panic!("{problems}"));
     let signed =
         signed.with_signed_page(Some(SignedPage { stage: ProofStage::A, programs_sum: 1, wrong_since: None }));

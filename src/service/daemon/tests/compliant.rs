@@ -131,7 +131,9 @@ fn recipe_and_tool_must_agree() {
             .map(|error| error.to_string())
             .unwrap_or_default()
     };
-    assert!(says(TOOL, "").contains("contains no [path] force_n, which the cell's compliant tool needs: add the force"));
+    assert!(
+        says(TOOL, "").contains("contains no [path] force_n, which the cell's compliant tool needs: add the force")
+    );
     assert!(says("", FORCE).contains("force_n = 20, which has no effect"));
     // Expected value, calculated by hand: the weight of 1.5 kg is 14.7 N. With a force tolerance of 5 N, a tool of 100
     // N has 80.3 N left if it points upwards.

@@ -303,21 +303,22 @@ id("start")?.addEventListener("keydown", (event) => {
   if (fields.includes(event.target)) fields[fields.indexOf(event.target) + 1]?.focus();
 });
 
-// A space in a scanned code would press the second button; the other characters of the code cancel the question before.
+// A space in a scanned code must not press the second button. The other characters of the code cancel the question, and a
+// space counts only if no other character follows within the time that a scanner needs for its next one.
+const SCANNER_PAUSE_MS = 150;
 document.addEventListener("keydown", (event) => { if (startAsked !== null && event.key.length === 1 && event.key !== " ") askStart(false); });
 const secondStart = document.querySelector("#start-second button[type=submit]");
-let isSpaceWaiting = false;
+let lastSpaceMs = -Infinity;
 secondStart?.addEventListener("keydown", (event) => { if (event.key === " ") event.preventDefault(); });
 secondStart?.addEventListener("keyup", (event) => {
   if (event.key !== " ") return;
   event.preventDefault();
-  // A second space within the pause is a scanner's, too.
-  const asked = isSpaceWaiting ? null : startAsked;
-  isSpaceWaiting = true;
-  if (asked === null) { askStart(false); return; }
+  const asked = startAsked;
+  const isScanned = Date.now() - lastSpaceMs < SCANNER_PAUSE_MS;
+  lastSpaceMs = Date.now();
+  if (isScanned) { askStart(false); return; }
   setTimeout(() => {
-    isSpaceWaiting = false;
-    if (startAsked === asked && isStartOpen()) id("start").requestSubmit(secondStart);
+    if (asked !== null && startAsked === asked && isStartOpen()) id("start").requestSubmit(secondStart);
   }, SCANNER_PAUSE_MS);
 });
 
