@@ -130,7 +130,9 @@ pub enum DeviceFault {
 #[derive(Debug, thiserror::Error)]
 pub enum CalibrationFault {
     /// The controller's axis angles are not numbers.
-    #[error("the controller reports axis angles that are not numbers: the flange's pose is not known")]
+    #[error(
+        "the controller reports axis angles that are not numbers, so the flange pose is not known: restart the controller"
+    )]
     NoAxes,
     /// No poses were given for a tool or touch calibration.
     #[error(

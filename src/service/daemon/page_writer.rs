@@ -33,7 +33,9 @@ pub fn write_pages(
         // The records are signed before the pages are made, because the pages show the signatures.
         sign(&again);
         if let Err(fault) = make_missing_pages(&again, &log_page) {
-            tracing::warn!("missing pages of earlier cycles cannot be made: {fault}");
+            tracing::warn!(
+                "missing pages of earlier cycles could not be written: {fault}; write a page with `panelprep page N`"
+            );
         }
         prune(&again);
         for EndedCycle { id: cycle, recording } in ended {
@@ -70,7 +72,7 @@ fn sign(files: &CellFiles) {
         Err(problem) => tracing::warn!("{problem}"),
     };
     if let Err(fault) = sign_missing(files, &report) {
-        tracing::warn!("the records could not be signed: {fault}");
+        tracing::warn!("the records could not be signed: {fault}; this is repeated after the next cycle");
     }
 }
 
@@ -84,6 +86,8 @@ fn prune(files: &CellFiles) {
                 bytes / 1_000_000
             );
         }
-        Err(error) => tracing::warn!("old clips and scans could not be removed: {error}"),
+        Err(error) => tracing::warn!(
+            "old clips and scans could not be removed: {error}; this is repeated after the next cycle"
+        ),
     }
 }

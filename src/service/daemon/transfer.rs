@@ -59,7 +59,7 @@ pub struct RecordTransfers {
 }
 
 const OFFICE_ALARM: (&str, &str) =
-    ("records have not reached the office", "the archive does not accept the records");
+    ("records have not reached the office server", "the archive does not accept the records");
 
 /// The status of the transfer to the office; all clones share the same one.
 #[derive(Debug, Clone, Default)]
@@ -115,7 +115,7 @@ impl OfficeStatus {
         let mut reasons: Vec<Reason> = late.into_iter().map(|words| Reason::new("office_behind", words)).collect();
         for (epoch, office, store) in more {
             let words = format!(
-                "the office has {office} records of epoch {epoch}, but the store of this cell has {store}: the \
+                "the office server has {office} records of epoch {epoch}, but the store of this cell has {store}: the \
                  store was rolled back, or another cell has the same name"
             );
             reasons.push(Reason::new("office_contradicts", words));

@@ -120,7 +120,7 @@ pub enum SetupFault {
         file: String,
     },
     /// A required input or output has no name in the cell's file.
-    #[error("the cell's file has no \"{name}\" in [{table}]; a cycle needs it")]
+    #[error("the cell's file has no \"{name}\" in [{table}], which a cycle needs; add it")]
     NotWired {
         /// The table.
         table: &'static str,
@@ -128,7 +128,7 @@ pub enum SetupFault {
         name: &'static str,
     },
     /// A key that a cycle needs is not stated.
-    #[error("the cell's file does not state {key}; a cycle needs it")]
+    #[error("the cell's file does not contain {key}, which a cycle needs; add it")]
     NotStated {
         /// The key.
         key: &'static str,

@@ -90,7 +90,7 @@ pub fn free_mb(file: &Path) -> io::Result<u64> {
 /// Describes why nothing is recorded on a disk with this free space.
 pub fn disk_full_message(free_mb: u64) -> String {
     format!(
-        "the disk of the recording has {free_mb} MB free (minimum {MIN_FREE_SPACE_FOR_RECORDING_MB} MB); free some space"
+        "the disk of the recording has {free_mb} MB of free space (minimum {MIN_FREE_SPACE_FOR_RECORDING_MB} MB); delete files"
     )
 }
 

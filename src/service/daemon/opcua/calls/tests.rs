@@ -99,15 +99,15 @@ async fn each_method_reaches_the_loop_as_the_table_states() {
                 ArgumentKind::Boolean => Variant::from(true),
                 ArgumentKind::UInt32 => Variant::from(7_u32),
             };
+            let door = cell.calls.front.setup.recipe("door.toml").expect("it is offered");
             let mut arguments: Vec<Variant> = method.arguments.iter().map(|one| argument(one.kind)).collect();
             if method.command == Command::Start {
-                let door = cell.calls.front.setup.recipe("door.toml").expect("it is offered");
                 arguments[1] = Variant::from(door.sha256());
             }
             let outcome = cell.call(method.name, &arguments, role).await;
             let who = role.map_or("a client that was not logged in".to_owned(), |role| role.keyword().to_owned());
             let word = match method.command {
-                Command::Start => "start by door.toml",
+                Command::Start => &format!("start by {}", door.name),
                 Command::Unhold => "unhold --dried",
                 Command::NewDisc => "new-disc",
                 Command::Reset => "reset",
