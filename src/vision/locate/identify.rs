@@ -352,12 +352,11 @@ fn part_differs(name: &str, found: &FoundPanel) -> Reason {
 }
 
 fn panels_alike(name: &str, other: &ComparedPanel) -> Reason {
-    let Some(difference) = other.located.as_ref().ok().and_then(|found| found.difference) else {
-        let message = format!(
-            "too little of panel \"{}\" is in view to exclude it; uncover the panel, then scan again",
-            other.name
-        );
-        return Reason::new("panels_alike", message);
+    let difference = match &other.located {
+        Ok(found) => found.difference.unwrap_or_default(),
+        Err(error) => {
+            return Reason::new("panels_alike", format!("panel \"{}\" is not excluded: {error}", other.name));
+        }
     };
     let mm = |value: f64| fixed_decimals(value, 0);
     let [ratio, min_ratio] = distinguishable_texts(difference.evidence_ratio(), MIN_RATIO, 1);
