@@ -275,7 +275,7 @@ pub fn run_look(args: &Look, common: &Common) -> Result<Outcome, Fault> {
         outcome.add_line(format!("points {near_mm:.0} to {far_mm:.0} mm from the camera along its axis"));
     }
     outcome.add_line(format!("{}: read [region] corners_px from the pixel ruler in this picture", file.display()));
-    outcome.add_value("missing_fraction", json!(share));
+    outcome.add_value("missing_share", json!(share));
     outcome.add_value("width_px", json!(scan.width()));
     outcome.add_value("height_px", json!(scan.height()));
     outcome.add_value("picture", json!(file));

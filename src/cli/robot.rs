@@ -290,7 +290,7 @@ mod tests {
         let read = pose("1,-2.5, 3,4,5,6").expect("six");
         assert_eq!(read, KukaPose { x_mm: 1.0, y_mm: -2.5, z_mm: 3.0, a_deg: 4.0, b_deg: 5.0, c_deg: 6.0 });
         for (text, expected) in [
-            ("1,2,3", "3 numbers, but six"),
+            ("1,2,3", "found 3 numbers, expected six"),
             ("1,2,3,4,5,NaN", "\"NaN\" is not a number"),
             ("", "\"\" is not a number"),
         ] {

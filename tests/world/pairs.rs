@@ -87,7 +87,7 @@ fn not_ready(draw: &mut Pcg64) -> Vec<Entry> {
     vec![within(draw, &COMPUTES, 800, fault)]
 }
 
-/// Draws a feedback that is wrong for longer than an answer may take.
+/// Draws a random feedback that stays wrong for longer than the response timeout.
 fn stuck(draw: &mut Pcg64) -> Vec<Entry> {
     let (input, on) = (draw.random_range(1..6), draw.random_bool(0.5));
     let fault = Fault::Feedback { input, on, for_ms: draw.random_range(7_000..12_000) };

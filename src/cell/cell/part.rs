@@ -51,8 +51,8 @@ pub enum PartNameError {
     },
     /// A name does not match its pattern.
     #[error(
-        "the {what} \"{found}\" does not have the form \"{pattern}\" of {table} {key}_pattern (# is a digit, ? one \
-         character, * any characters); read it again, then start again with the recipe of this part"
+        "the {what} \"{found}\" does not match the pattern \"{pattern}\" of {table} {key}_pattern (# is a digit, ? one \
+         character, * any characters): check the {what} on the part, then start again with the recipe of this part"
     )]
     Form {
         /// Which name: "serial number" or "work order".

@@ -128,7 +128,7 @@ fn measure(files: &CellFiles, (file, readings): (&Path, &[AttitudeReading])) -> 
 }
 
 fn verify(files: &CellFiles, readings: &[AttitudeReading]) -> Result<Outcome, Fault> {
-    let tool = files.cell.tool().compliant().ok_or(CalibrationFault::NoCompliantTool)?;
+    let tool = files.cell.tool().compliant().ok_or(CalibrationFault::SpringTool)?;
     let error_n = largest_error_n(readings, tool).ok_or(CalibrationFault::NoReadings)?;
     let demands = verification_limits(files.cell.limits(), tool);
     let verification = Verification {

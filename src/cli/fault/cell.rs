@@ -147,7 +147,7 @@ pub enum CalibrationFault {
     NoSimulatedBoard,
     /// A force calibration was requested, but the tool is a spring, which has no force control.
     #[error("the cell's [tool] is a spring, which has no force to verify")]
-    NoCompliantTool,
+    SpringTool,
     /// The file with force measurements contains none.
     #[error("the file has no [[readings]]")]
     NoReadings,

@@ -135,7 +135,7 @@ impl CycleCounts {
 /// A refused method call.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct LastRefusal {
-    /// Name of the method.
+    /// Name of the OPC UA method, as a client calls it.
     pub method: &'static str,
     /// Name of the user who called the method.
     pub user: String,

@@ -33,7 +33,7 @@ use std::sync::Arc;
 pub(super) struct AbrasionWork {
     /// The taught region's surface, once it is known.
     pub(super) taught: Option<Arc<Fit>>,
-    /// The surface of the region in today's scan, on which paths are planned.
+    /// The surface fitted to the region in the scan of this cycle; paths are planned on it.
     pub(super) fit: Option<Arc<Fit>>,
     pub(super) plan: Option<(u64, Plan)>,
     /// For each grid the number of passes that touched it, and the last of these passes.

@@ -15,7 +15,7 @@ pub enum SigningError {
         "not a valid private ed25519 key ({problem}); valid: a PEM file from `openssl genpkey -algorithm ed25519`"
     )]
     PrivateKey {
-        /// The problem of the key.
+        /// What is wrong with the value of the key.
         problem: String,
     },
     /// The text is not a public key.

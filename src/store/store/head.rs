@@ -28,7 +28,7 @@ const LOCK_TIMEOUT: Duration = Duration::from_secs(5);
 /// The contents of the head file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Head {
-    /// The present position of the chain.
+    /// The present end of the hash chain: number and hash of its last row.
     pub position: ChainPosition,
     /// The position of the chain after the transaction in progress is committed.
     pub next_position: Option<ChainPosition>,

@@ -57,7 +57,7 @@ impl Disc {
 pub struct DiscStretch {
     /// The tangent frame of the surface at the segment's middle.
     pub frame: TangentFrame,
-    /// The contact at the segment's middle, and the motion.
+    /// The disc's contact at the middle of the segment, and its motion along the segment.
     pub stroke: DiscStroke,
     /// Length of the segment, mm.
     pub length_mm: f64,

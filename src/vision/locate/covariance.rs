@@ -68,7 +68,7 @@ fn scale_error_terms(
     ]
 }
 
-/// Adds a covariance of the shift to the covariance of a twist.
+/// Adds the covariance of a translation to the translational block of a twist's covariance.
 fn add_shift_covariance(mut covariance: Matrix6<f64>, further: Matrix3<f64>) -> Matrix6<f64> {
     let mut shifts = covariance.fixed_view_mut::<3, 3>(3, 3);
     shifts += further;

@@ -118,7 +118,7 @@ fn every_deletion_edit_and_exchange_is_named() {
         ("UPDATE taught_corners SET picture_hash = '0' WHERE position = 1", "taught corner 65537"),
         ("UPDATE taught_panels SET name = 'fin'", "changed: taught panel 1"),
         (exchange, "reordered: journal line 7 contains what was written as journal line 9"),
-        ("INSERT INTO findings VALUES (9, 1, 'locate', 0, '{}')", "inserted: finding 9"),
+        ("INSERT INTO findings VALUES (9, 1, 'locate', 0, '{}', 0)", "inserted: finding 9"),
         (
             "INSERT INTO journal SELECT sequence + 1, NULL, unix_ms, event, chain FROM journal WHERE sequence = 120",
             "inserted: journal line 121",

@@ -334,6 +334,10 @@ fn an_earlier_database_is_copied_once() {
 
     let former = folder.path().join("former");
     fs::create_dir_all(former.join("blobs")).expect("made");
+    // The taught data are files beside the database, which no update changes.
+    for blob in fs::read_dir(path.join("blobs")).expect("listed").map(|file| file.expect("a file")) {
+        fs::copy(blob.path(), former.join("blobs").join(blob.file_name())).expect("copied");
+    }
     fs::copy(&kept, former.join(DATABASE)).expect("put back");
     fs::copy(path.join("panelprep.schema-1.head"), former.join(head::FILE)).expect("put back");
     let restored = Store::create(&former).expect("opens");
