@@ -199,7 +199,7 @@ mod tests {
             "the wrong code was read"
         );
         let of_recipe = check_serial_form("SN-0017", "RH-*").expect_err("another panel").to_string();
-        assert!(of_recipe.contains("form \"RH-*\" of the recipe's [panel] serial_pattern"), "{of_recipe}");
+        assert!(of_recipe.contains("pattern \"RH-*\" of the recipe's [panel] serial_pattern"), "{of_recipe}");
         assert!(rules("[part]\nserial = 'always'").is_err_and(|told| told.contains("part.serial")));
     }
 }
