@@ -201,7 +201,7 @@ fn a_primary_host_sees_the_cell_and_may_hold_it() {
     let store = Store::open(&folder.join("cell/store")).expect("a store");
     let asked = store.cycle(panelprep::record::CycleId(2)).expect("read").asked;
     let who: Vec<String> = asked.iter().filter_map(|asked| asked.who.as_ref()).map(ToString::to_string).collect();
-    assert!(who.iter().any(|who| who.contains("a host application by MQTT Sparkplug")), "{who:?}");
+    assert!(who.iter().any(|who| who.contains("an unknown host application, through MQTT Sparkplug")), "{who:?}");
 
     // The host goes offline, and connects again.
     host.does("state {\"online\": false, \"timestamp\": 1000}");
