@@ -78,7 +78,11 @@ fn a_backup_beside_a_running_cycle_gives_the_same_records_elsewhere() {
     let (exit, told) = json(folder, cycle);
     assert!(exit == 2 && told["reasons"].to_string().contains("--lost-passes"), "{told}");
     let (exit, told) = json(folder, &format!("{cycle} --part SN-9 --another-part"));
-    assert!(exit == 2 && told["reasons"].to_string().contains("the number of sanding passes on the part SN-9 is unknown"), "{told}");
+    assert!(
+        exit == 2
+            && told["reasons"].to_string().contains("the number of sanding passes on the part SN-9 is unknown"),
+        "{told}"
+    );
     let (exit, told) = json(folder, &format!("{cycle} --another-part"));
     assert!(exit == 0 && told["cycle_id"].as_i64().is_some_and(|id| id >= 3), "{told}");
 
