@@ -255,14 +255,13 @@ impl<'r> SingleRobot<'r> {
         // Also checked before an output is switched off: with other programs, its number may belong to another output.
         require_accept(Judgement::new(self.changed_programs_reason(cell).into_iter().collect(), vec![]))?;
         let number = output_number(name, cell.inputs_outputs())?;
-        let switch = single_interlocks::switch_of_output(name).filter(|_| on);
-        // In automatic mode no person holds an enabling switch, so water must not run before stage A has proven the outputs.
-        if matches!(switch, Some(Switch::Spray | Switch::Rinse)) {
+        let act = single_interlocks::switch_of_output(name).filter(|_| on).map(Action::Switch);
+        if act.is_some_and(requires_proofs) {
             self.check_proofs(cell)?;
         }
         self.open_epoch()?;
-        if let Some(switch) = switch {
-            self.check_interlocks(name, Action::Switch(switch), cell)?;
+        if let Some(act) = act {
+            self.check_interlocks(name, act, cell)?;
         }
         let id = self.send(Command::SetDigout(Signal { number, on }))?;
         self.wait_executed(id, COMMAND_TIMEOUT)?;
@@ -282,8 +281,8 @@ impl<'r> SingleRobot<'r> {
             self.receive()?;
         }
         let judged = single_interlocks::judge(name, act, &self.state, cell);
-        // A person may have changed the operating mode since the first check of the motion.
-        let unproven = self.missing_proof_reason(cell).filter(|_| matches!(act, Action::Move(_)));
+        // A person may have changed the operating mode since the first check of the action.
+        let unproven = self.missing_proof_reason(cell).filter(|_| requires_proofs(act));
         match unproven {
             Some(why) => Err(SingleError::Gate(Judgement::new(vec![why], vec![]))),
             None => require_accept(judged),
@@ -487,6 +486,12 @@ pub fn speed_command(speed_mm_s: f64, acceleration_m_s2: f64, axis_percent: u8) 
         axis_speed_percent: axis_percent,
         axis_acceleration_percent: axis_percent,
     })
+}
+
+/// Returns whether an action requires stage A of the acceptance tests in automatic mode, in which no person holds an
+/// enabling switch: each motion, and water.
+fn requires_proofs(act: Action) -> bool {
+    matches!(act, Action::Move(_) | Action::Switch(Switch::Spray | Switch::Rinse))
 }
 
 #[cfg(test)]
