@@ -1,6 +1,7 @@
 //! The two pictures in `src/README.md`: the crates, as their `Cargo.toml` files state them, and the data of a cycle, as the
 //! page's table states them. Run these tests with `DRAW=1` to draw them again.
 
+use super::glossary::{DATA_HEAD, table_rows};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 use std::fs;
@@ -124,14 +125,11 @@ fn assert_drawn(file: &str, drawn: &str) {
 
 /// Returns the data of a cycle from the table in `src/README.md`; panics at a row that does not have its four cells.
 fn data_of_a_cycle(page: &str) -> Dependencies {
-    let head = "| Data | Type | Made from | Made in |";
-    let rows = page.lines().skip_while(|line| *line != head).skip(2).take_while(|line| line.starts_with('|'));
-    let datum = |row: &str| {
-        let cells: Vec<&str> = row.trim_matches('|').split(" | ").map(str::trim).collect();
-        let [name, _, parts, _] = cells[..] else { panic!("four cells: {row}") };
+    let datum = |cells: Vec<&str>| {
+        let [name, _, parts, _] = cells[..] else { panic!("four cells: {cells:?}") };
         (name.to_owned(), parts.split(", ").filter(|part| *part != "–").map(str::to_owned).collect())
     };
-    rows.map(datum).collect()
+    table_rows(page, DATA_HEAD).map(datum).collect()
 }
 
 #[test]

@@ -15,21 +15,33 @@ struct Term {
     refused: Vec<String>,
 }
 
+/// Returns the rows below the head of a table, cell by cell.
+pub fn table_rows<'p>(page: &'p str, head: &'p str) -> impl Iterator<Item = Vec<&'p str>> {
+    let rows = page.lines().skip_while(move |line| *line != head).skip(2).take_while(|line| line.starts_with('|'));
+    rows.map(|row| row.trim_matches('|').split(" | ").map(str::trim).collect())
+}
+
+/// Returns the names in a cell that are written as code.
+fn quoted(cell: &str) -> Vec<String> {
+    cell.split('`').skip(1).step_by(2).map(str::to_owned).collect()
+}
+
+/// The head of the table of a cycle's data.
+pub const DATA_HEAD: &str = "| Data | Type | Made from | Made in |";
+
 /// Returns the rows of the glossary; an error with the row that does not have four cells or names nothing in the code.
 fn terms(page: &str) -> Result<Vec<Term>, String> {
     let head = "| Word | Meaning | In the code | Not |";
-    let rows = page.lines().skip_while(|line| *line != head).skip(2).take_while(|line| line.starts_with('|'));
-    let term = |row: &str| {
-        let cells: Vec<&str> = row.trim_matches('|').split(" | ").map(str::trim).collect();
-        let [word, _, names, refused] = cells[..] else { return Err(format!("four cells: {row}")) };
-        let names: Vec<String> = names.split('`').skip(1).step_by(2).map(str::to_owned).collect();
+    let term = |cells: Vec<&str>| {
+        let [word, _, names, refused] = cells[..] else { return Err(format!("four cells: {cells:?}")) };
+        let names = quoted(names);
         if names.is_empty() {
-            return Err(format!("the third cell names nothing in the code: {row}"));
+            return Err(format!("the third cell names nothing in the code: {cells:?}"));
         }
         let refused = refused.split(", ").filter(|word| *word != "–").map(str::to_owned).collect();
         Ok(Term { word: word.to_owned(), names, refused })
     };
-    rows.map(term).collect()
+    table_rows(page, head).map(term).collect()
 }
 
 /// The names that a source defines: types, traits, functions, constants, modules, variants and fields.
@@ -129,12 +141,8 @@ fn each_term_of_the_glossary_is_in_the_code_and_has_no_second_word() {
 fn the_table_of_the_data_names_what_exists() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let page = std::fs::read_to_string(root.join("src/README.md")).expect("the page");
-    let head = "| Data | Type | Made from | Made in |";
-    let rows = page.lines().skip_while(|line| *line != head).skip(2).take_while(|line| line.starts_with('|'));
     let (defined, mut wrong, mut named) = (defined(), Vec::new(), 0);
-    let quoted = |cell: &str| cell.split('`').skip(1).step_by(2).map(str::to_owned).collect::<Vec<_>>();
-    for row in rows {
-        let cells: Vec<&str> = row.split(" | ").collect();
+    for cells in table_rows(&page, DATA_HEAD) {
         let (types, places) = (quoted(cells[1]), quoted(cells[3]));
         named += types.len();
         wrong.extend(types.into_iter().filter(|name| !defined.contains(name)));
