@@ -7,7 +7,7 @@ use panelprep_base::supervision::ThreadFault;
 #[derive(Debug, thiserror::Error)]
 pub enum DaemonError {
     /// The system provides no thread for computing.
-    #[error("cannot start the computing thread: {0}")]
+    #[error("cannot start the computing thread: {0}; check the memory of the computer and restart the service")]
     Thread(std::io::Error),
     /// A thread of the program failed; the robot was commanded to stop.
     #[error(transparent)]
