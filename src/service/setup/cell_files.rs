@@ -51,6 +51,8 @@ pub struct CellFiles {
     paths: CellPaths,
     /// The checked cell; its arm is corrected by the file that it names.
     pub cell: Cell,
+    /// The text from which the cell was read.
+    cell_text: String,
     /// The text of the correction file.
     correction_text: Option<String>,
     store: PathBuf,
@@ -98,11 +100,12 @@ impl CellFiles {
     /// # Errors
     /// If it cannot be read or has problems.
     pub fn read(paths: &CellPaths) -> Result<Self, SetupFault> {
-        let cell = Cell::check(&name(&paths.cell), &disk::read_text(&paths.cell)?)?;
+        let cell_text = disk::read_text(&paths.cell)?;
+        let cell = Cell::check(&name(&paths.cell), &cell_text)?;
         let store = paths.store.clone().unwrap_or_else(|| cell.store().to_owned());
         let signed = cell.robot().stated_stage().and_then(|_| newest_signed_page(&store));
         let cell = cell.with_signed_page(signed);
-        let files = CellFiles { paths: paths.clone(), cell, correction_text: None, store };
+        let files = CellFiles { paths: paths.clone(), cell, cell_text, correction_text: None, store };
         let Some((text, numbers)) = files.correction_now()? else { return Ok(files) };
         Ok(CellFiles { cell: files.cell.with_arm_correction(numbers), correction_text: Some(text), ..files })
     }
@@ -110,6 +113,11 @@ impl CellFiles {
     /// Returns the paths from which these files were read.
     pub fn paths(&self) -> &CellPaths {
         &self.paths
+    }
+
+    /// Returns the text of the cell's file that is applied; the file may have changed since it was read.
+    pub fn cell_text(&self) -> &str {
+        &self.cell_text
     }
 
     /// Reads the present content of the arm's correction file, with its text.
@@ -384,4 +392,20 @@ fn load_calibration<M: Mount>(mount: &MountedPose<M>, text: String) -> LoadedCal
 pub fn last_touch_check(store: &Store, hash: &str) -> Option<Verification> {
     let last = store.newest_verification("tool").ok()??;
     last.counts_for(hash).then_some(last)
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::setup::testing::write_cell;
+
+    /// A cycle's record states the cell that the cycle used, not the present content of the file.
+    #[test]
+    fn a_later_change_of_the_file_does_not_change_the_text_in_use() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let files = write_cell(folder.path(), "[limits]\nmax_speed_mm_s = 400\n", &[]);
+        let read = std::fs::read_to_string(&files.paths().cell).expect("read");
+        std::fs::write(&files.paths().cell, "[limits]\nmax_speed_mm_s = 100\n").expect("written");
+        assert!(read.contains("max_speed_mm_s = 400"));
+        assert_eq!(files.cell_text(), read);
+    }
 }

@@ -54,7 +54,7 @@ impl Calibrated {
             removal: removal.as_ref().map(|(model, _)| *model),
         };
         let mut texts = vec![
-            ("cell", disk::read_text(&files.paths().cell)?),
+            ("cell", files.cell_text().to_owned()),
             ("scanner", scanner.text),
             ("base_from_camera", base_from_camera.text),
             ("flange_camera", flange_camera.text),
