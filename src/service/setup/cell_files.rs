@@ -76,7 +76,7 @@ pub struct LoadedCalibration<T> {
 ///
 /// # Errors
 /// If it cannot be read or has problems.
-pub fn calibrated_serial(intrinsics: Option<&Path>) -> Result<Option<String>, SetupFault> {
+pub(super) fn calibrated_serial(intrinsics: Option<&Path>) -> Result<Option<String>, SetupFault> {
     // A camera that is not calibrated yet is also accepted: another place checks that a cycle's calibrations exist.
     let Some(file) = intrinsics.filter(|file| file.exists()) else { return Ok(None) };
     Ok(Intrinsics::check(&name(file), &disk::read_text(file)?)?.serial)
@@ -298,6 +298,14 @@ impl CellFiles {
     /// As [`CellFiles::scanner`].
     pub fn scanner_lens(&self) -> Result<Intrinsics, SetupFault> {
         self.lens("scanner", self.cell.calibration().scanner.as_ref()).map(|(lens, _)| lens)
+    }
+
+    /// Reads the whole file of the flange camera.
+    ///
+    /// # Errors
+    /// As [`CellFiles::scanner`].
+    pub fn flange_camera_lens(&self) -> Result<Intrinsics, SetupFault> {
+        self.lens("flange_camera", self.cell.calibration().flange_camera.as_ref()).map(|(lens, _)| lens)
     }
 
     /// Reads the intrinsics of the flange camera.

@@ -1,6 +1,6 @@
 //! Prepares the requested starts of the service: reads all data of a cycle anew, and checks them.
 
-use super::cell_files::{CellFiles, calibrated_serial};
+use super::cell_files::CellFiles;
 use super::cycle_files::{Calibrated, TaughtRecipe};
 use super::cycle_setup::CellSetup;
 use super::fault::SetupFault;
@@ -10,6 +10,7 @@ use super::recording::{check_client_file, check_recording_file};
 use super::start::{PassStatement, PreparedCycle, RecipeTextPermission, RecordIn, StartRequest};
 use super::{cameras, disk};
 use panelprep_base::verdict::{Reason, Verdict};
+use panelprep_cell::cell::Intrinsics;
 use panelprep_cell::files::content_hash;
 use panelprep_cell::record::RecordingFile;
 use panelprep_devices::world::SimulatedWorld;
@@ -157,15 +158,9 @@ pub fn unreadable_reason(fault: &SetupFault) -> Reason {
 /// serial number and picture size of each calibrated camera.
 fn camera_start_data(files: &CellFiles) -> Result<Vec<(&'static str, String)>, SetupFault> {
     let mut all = cameras::zivid_settings(&files.cell)?;
-    let calibration = files.cell.calibration();
-    let lenses = [
-        ("scanner", files.scanner()?, &calibration.scanner),
-        ("flange_camera", files.flange_camera()?, &calibration.flange_camera),
-    ];
-    for (which, lens, file) in lenses {
-        let size_px = [lens.value.width_px, lens.value.height_px];
-        let serial = calibrated_serial(file.as_deref())?.unwrap_or_default();
-        all.push((which, format!("{serial} {}×{}", size_px[0], size_px[1])));
+    let lenses = [("scanner", files.scanner_lens()?), ("flange_camera", files.flange_camera_lens()?)];
+    for (which, Intrinsics { serial, camera, .. }) in lenses {
+        all.push((which, format!("{} {}×{}", serial.unwrap_or_default(), camera.width_px, camera.height_px)));
     }
     Ok(all)
 }

@@ -36,7 +36,7 @@ pub mod testing;
 mod wiring;
 
 pub use cell_files::{
-    CellFiles, CellPaths, LoadedCalibration, Mounted, NO_AXES, calibrated_serial, last_touch_check,
+    CellFiles, CellPaths, LoadedCalibration, Mounted, NO_AXES, last_touch_check,
 };
 pub use cycle_files::{Calibrated, TaughtRecipe};
 pub use cycle_loader::{CycleLoader, unreadable_reason};
