@@ -306,13 +306,8 @@ fn read_sheet(store: &Store, record: &CycleRecord) -> Result<RecordSheet, SetupF
 ///
 /// # Errors
 /// If the store no longer has the signed record complete, or the PDF cannot be written.
-pub fn sheet_document(
-    store: &Store,
-    (record, figures): (&CycleRecord, &[Figure]),
-    row: &SignatureRow,
-) -> Result<Vec<u8>, SetupFault> {
-    let sheet = read_sheet(store, record)?;
-    let stem = cycle_stem(record.id);
+fn sheet_document(store: &Store, kept: &StoredCycle, row: &SignatureRow) -> Result<Vec<u8>, SetupFault> {
+    let stem = cycle_stem(kept.record.id);
     let bytes = store.blob(&row.record_hash).map_err(SetupFault::stage)?;
     Statement::read(&bytes).map_err(SetupFault::stage)?;
     let attached = [
@@ -329,7 +324,8 @@ pub fn sheet_document(
             bytes: row.signature.clone(),
         },
     ];
-    pdf(&sheet, figures, &attached, row.unix_ms.div_euclid(1_000)).map_err(SetupFault::stage)
+    let figures: Vec<Figure> = kept.stored_figures().collect();
+    pdf(&kept.sheet, &figures, &attached, row.unix_ms.div_euclid(1_000)).map_err(SetupFault::stage)
 }
 
 fn text(store: &Store, hash: &str) -> Option<String> {
@@ -527,8 +523,7 @@ pub fn cycle_pdf(files: &CellFiles, cycle: CycleId) -> Result<Option<RecordPdf>,
 pub fn signed_pdf(store: &Store, key: &CellKey, rows: &[SignatureRow]) -> Result<Option<RecordPdf>, SetupFault> {
     let (Some(row), Some(last)) = (rows.iter().find(|row| !row.is_of_person), rows.last()) else { return Ok(None) };
     let kept = StoredCycle::read(store, row.cycle)?;
-    let figures: Vec<Figure> = kept.stored_figures().collect();
-    let pdf = sheet_document(store, (&kept.record, &figures), row)?;
+    let pdf = sheet_document(store, &kept, row)?;
     let shows = (row.cycle, row.record_hash.as_str(), last.number);
     let (page, signature) = SignedPage::sign(&pdf, shows, last.unix_ms, key).map_err(SetupFault::stage)?;
     Ok(Some(RecordPdf { pdf, page, signature }))
