@@ -219,8 +219,9 @@ const PAGE_END: &[u8] = b"</html>\n";
 /// # Errors
 /// If there is no such cycle, or it cannot be read back.
 pub fn cycle_html(files: &CellFiles, cycle: CycleId) -> Result<String, SetupFault> {
-    // An existing page also contains the result of the recording.
-    if let Ok(text) = disk::read_text(&page_file(files.store_folder(), cycle)) {
+    // An existing page also contains the result of the recording. The rest of an incomplete page would be missing.
+    let written = disk::read_text(&page_file(files.store_folder(), cycle));
+    if let Some(text) = written.ok().filter(|text| text.as_bytes().ends_with(PAGE_END)) {
         return Ok(text);
     }
     Ok(StoredCycle::read(&files.store()?, cycle)?.html(None, vec![]))
@@ -527,4 +528,24 @@ pub fn signed_pdf(store: &Store, key: &CellKey, rows: &[SignatureRow]) -> Result
     let shows = (row.cycle, row.record_hash.as_str(), last.number);
     let (page, signature) = SignedPage::sign(&pdf, shows, last.unix_ms, key).map_err(SetupFault::stage)?;
     Ok(Some(RecordPdf { pdf, page, signature }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::setup::testing::write_cell;
+
+    /// A page that was not written to its end is made from the store, which this cell does not have.
+    #[test]
+    fn an_incomplete_page_is_not_shown() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let files = write_cell(folder.path(), "", &[]);
+        let page = page_file(files.store_folder(), CycleId(7));
+        let shown = |text: &str| {
+            disk::write(&page, text).expect("written");
+            cycle_html(&files, CycleId(7))
+        };
+        assert_eq!(shown("<html>a</html>\n").expect("complete"), "<html>a</html>\n");
+        assert!(shown("<html>a</ht").is_err());
+    }
 }
