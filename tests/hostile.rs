@@ -66,6 +66,7 @@ fn no_client_writes_into_the_store_or_forges_a_log_line() {
         (format!("{}/link/blobs/0123", outside.display()), inside),
         (format!("{}/cell/../cell/store/a.mcap", outside.display()), "contains . or .."),
         (format!("{}/./a.mcap", outside.display()), "contains . or .."),
+        (format!("{}/new/.", outside.display()), "contains . or .."),
         (format!("{}/", outside.display()), "names a folder"),
         ("a.mcap".to_owned(), "the path is relative"),
         (format!("{}/a\n2026-01-01 WARN root (uid 0) asks: abort.mcap", outside.display()), "control characters"),

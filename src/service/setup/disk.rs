@@ -48,6 +48,11 @@ pub fn read_referenced(file: &Path) -> NamedFile {
     }
 }
 
+/// Returns the folder of a file; the current folder if the path names none.
+pub(super) fn folder_of(file: &Path) -> &Path {
+    file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
 /// Writes a temporary file next to the target and renames it, so that the target is never half written.
 ///
 /// # Errors
@@ -63,8 +68,7 @@ pub fn write(file: &Path, bytes: impl AsRef<[u8]>) -> Result<(), SetupFault> {
 /// As [`write`].
 pub fn write_durable(file: &Path, bytes: impl AsRef<[u8]>) -> Result<(), SetupFault> {
     write_and_rename(file, bytes.as_ref(), File::sync_all)?;
-    let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    File::open(folder).and_then(|folder| folder.sync_all()).map_err(|error| SetupFault::file_fault(file, error))
+    File::open(folder_of(file)).and_then(|folder| folder.sync_all()).map_err(|error| SetupFault::file_fault(file, error))
 }
 
 fn write_and_rename(

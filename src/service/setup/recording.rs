@@ -2,6 +2,7 @@
 //! with which they begin, and their status.
 
 use super::cycle_setup::Calibrations;
+use super::disk;
 use super::fault::SetupFault;
 use crate::report::page::{Row, Section};
 use panelprep_cell::record::CycleId;
@@ -103,8 +104,7 @@ pub fn check_recording_file(file: Option<&Path>, store: &Path) -> Result<(), Set
         if file.exists() {
             return Err(file_exists_fault(file));
         }
-        let folder = file.parent().unwrap_or(Path::new("/"));
-        let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+        let folder = disk::folder_of(file);
         if !folder.is_dir() {
             return Err(missing_folder_fault(folder));
         }
@@ -132,8 +132,7 @@ pub fn check_command_file(file: &Path, store: &Path) -> Result<(), SetupFault> {
         return Err(file_exists_fault(file));
     }
     check_recording_file(Some(file), store)?;
-    let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    if store.exists() && is_inside_store(folder, store)? {
+    if store.exists() && is_inside_store(disk::folder_of(file), store)? {
         return Err(refused_name(file, STORE_PATH_REFUSAL));
     }
     Ok(())
@@ -172,7 +171,9 @@ pub fn check_client_file(file: &Path, store: &Path) -> Result<PathBuf, SetupFaul
         ));
     }
     let is_plain = file.components().all(|part| matches!(part, Component::RootDir | Component::Normal(_)));
-    let name = file.file_name().filter(|_| is_plain && !text.ends_with('/') && !text.contains("/./"));
+    // The components of a path do not include a . after the first one.
+    let has_dot = text.contains("/./") || text.ends_with("/.");
+    let name = file.file_name().filter(|_| is_plain && !text.ends_with('/') && !has_dot);
     let (Some(name), Some(folder)) = (name, file.parent()) else {
         return Err(refused("the path contains . or .., or names a folder; give the absolute path of a new file"));
     };
