@@ -2,13 +2,11 @@
 //! why it is not sent), the status of each transfer for people and alarms, and its progress in a file in the folder of
 //! the store's database. If this file is lost or damaged, the only consequence is that data are sent again.
 
+use crate::setup::disk;
 use panelprep_base::verdict::Reason;
 use panelprep_store::office::RecipeOffer;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
-use std::fs;
-use std::fs::File;
-use std::io::Write;
 use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -155,14 +153,9 @@ pub(super) fn read_progress<T: DeserializeOwned + Default>(folder: &Path, name: 
 /// # Errors
 /// If the disk cannot be written; the error contains the name of the file.
 pub(super) fn write_progress(folder: &Path, name: &str, progress: &impl Serialize) -> Result<(), String> {
-    let (path, part) = (folder.join(name), folder.join(format!("{name}.part")));
-    let written = || -> std::io::Result<()> {
-        let mut file = File::create(&part)?;
-        file.write_all(&serde_json::to_vec(progress)?)?;
-        file.sync_all()?;
-        fs::rename(&part, &path)
-    };
-    written().map_err(|error| format!("{}: {error}", path.display()))
+    let path = folder.join(name);
+    let bytes = serde_json::to_vec(progress).map_err(|error| format!("{}: {error}", path.display()))?;
+    disk::write_durable(&path, bytes).map_err(|fault| fault.to_string())
 }
 
 #[cfg(test)]
