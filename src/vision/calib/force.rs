@@ -73,11 +73,11 @@ impl ForceCalibration {
     }
 }
 
-/// Returns the largest force in N that the readings without contact state with the tool's payload and zero; `None` if
-/// there is no reading.
+/// Returns the largest force in N that the readings without contact state with the tool's payload and zero; a reading
+/// that is not a number is the largest one. `None` if there is no reading.
 pub fn largest_error_n(readings: &[AttitudeReading], tool: &CompliantTool) -> Option<f64> {
     let load = SensorLoad::from(tool);
-    readings.iter().map(|read| load.contact_n(read.force_n, read.downwards).abs()).reduce(f64::max)
+    readings.iter().map(|read| load.contact_n(read.force_n, read.downwards).abs()).max_by(f64::total_cmp)
 }
 
 /// Returns the limits for the last verification of a tool's force, in N.
@@ -182,6 +182,7 @@ pub fn calibrate(readings: &[AttitudeReading]) -> Result<ForceCalibration, Calib
 #[cfg(test)]
 mod tests {
     use super::*;
+    use panelprep_cell::cell::Cell;
     use proptest::prelude::*;
 
     fn read(downwards: f64, force_n: f64) -> AttitudeReading {
@@ -197,6 +198,17 @@ mod tests {
         assert!((found.weight.payload_kg - 1.0).abs() < 1e-9 && (found.weight.zero_n - 2.0).abs() < 1e-9);
         assert!((found.payload_95_kg - 0.007_07).abs() < 1e-5, "{found:?}");
         assert!((found.zero_95_n - 0.056_6).abs() < 1e-4, "{found:?}");
+    }
+
+    /// A reading that is not a number is no evidence that the tool's payload and zero are right.
+    #[test]
+    fn a_reading_that_is_not_a_number_is_the_largest_error() {
+        let cell = Cell::check("cell.toml", "[tool]\nkind = 'simulated'\npayload_kg = 1.0\nzero_n = 2.0\n").expect("good");
+        let tool = cell.tool().compliant().expect("compliant");
+        let largest = |readings: &[AttitudeReading]| largest_error_n(readings, tool);
+        assert!((largest(&[read(1.0, -7.806_65), read(0.0, 2.5)]).expect("readings") - 0.5).abs() < 1e-9);
+        assert!(largest(&[read(1.0, f64::NAN), read(0.0, 2.5)]).expect("readings").is_nan());
+        assert_eq!(largest(&[]), None);
     }
 
     /// Expected values, calculated by hand: if the middle value has an error of 0.3 N, the three values deviate from
