@@ -35,7 +35,7 @@ pub fn run(args: &Inspect, common: &Common) -> Result<Outcome, Fault> {
         return Err(ClipFault::HoldsLabels { folder: folder.clone() }.into());
     }
     let files = CellFiles::read(&common.paths())?;
-    let recipe = load::recipe(&args.recipe)?;
+    let recipe = load::read_recipe(&args.recipe)?;
     let placed = PlacedPanel::read(&files, &recipe, args.located.as_ref())?;
     let taught = setup::taught(&files, &args.recipe, &recipe)?;
     let demands = Demands::from_recipe(&recipe, files.cell.limits());

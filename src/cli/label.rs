@@ -79,7 +79,7 @@ fn size_px(folder: &Path, shots: &[ClipEntry], camera: Option<&PinholeCamera>) -
 /// Returns the outlines of the grids in the camera's picture, and the camera.
 fn grids(recipe_file: &Path, args: &Label, common: &Common) -> Result<(Vec<GridOutline>, PinholeCamera), Fault> {
     let cell_files = CellFiles::read(&common.paths())?;
-    let recipe = load::recipe(recipe_file)?;
+    let recipe = load::read_recipe(recipe_file)?;
     let placed = PlacedPanel::read(&cell_files, &recipe, args.located.as_ref())?;
     let taught = setup::taught(&cell_files, recipe_file, &recipe)?;
     let camera_from_panel = placed.base_from_camera.inverse() * placed.base_from_panel;

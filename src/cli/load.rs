@@ -7,17 +7,9 @@ use panelprep_base::geometry::{Base, Camera, ColorPicture, KukaPose, OrganizedCl
 use panelprep_cell::files;
 use panelprep_cell::panel::{TaughtSource, nominal_pose};
 use panelprep_cell::recipe::Recipe;
-use panelprep_service::requirements::recipe_fits::parse_plausible_recipe;
 use panelprep_service::setup::CellFiles;
+pub use panelprep_service::setup::read_recipe;
 use std::path::{Path, PathBuf};
-
-/// Reads and checks a recipe.
-///
-/// # Errors
-/// If it cannot be read or has problems.
-pub fn recipe(file: &Path) -> Result<Recipe, Fault> {
-    Ok(parse_plausible_recipe(&file.display().to_string(), &disk::read_text(file)?)?)
-}
 
 /// Reads an organised scan and checks it against the camera's calibration.
 ///

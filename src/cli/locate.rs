@@ -30,7 +30,7 @@ use std::time::Instant;
 /// If a file is invalid, or the panel was not taught.
 pub fn run(args: &Locate, common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(&common.paths())?;
-    let recipe = load::recipe(&args.recipe)?;
+    let recipe = load::read_recipe(&args.recipe)?;
     let scanner = files.scanner()?;
     let (camera, errors) = (scanner.value, scanner.scan_errors);
     let base_from_camera = files.base_from_camera()?.value;
@@ -143,7 +143,7 @@ pub fn run_identify(args: &Identify, common: &Common) -> Result<Outcome, Fault> 
 /// If a file is invalid, no corner was taught, or a picture shows no corner.
 pub fn run_refine(args: &Refine, common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(&common.paths())?;
-    let recipe = load::recipe(&args.recipe)?;
+    let recipe = load::read_recipe(&args.recipe)?;
     let located = load::located(Some(&args.located), &recipe)?;
     let lens = files.flange_camera()?;
     let (camera, extent) = (lens.value, lens.extent);

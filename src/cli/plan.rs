@@ -46,7 +46,7 @@ struct PlannedPath {
 /// If a file is invalid, a grid is unknown, or no surface can be fitted.
 pub fn run(args: &Plan, common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(&common.paths())?;
-    let recipe = load::recipe(&args.recipe)?;
+    let recipe = load::read_recipe(&args.recipe)?;
     let program = args.krl.as_ref().map(|file| Ok::<_, Fault>((file, program_name(file)?))).transpose()?;
     let base_from_panel = load::located(args.located.as_ref(), &recipe)?;
     let taught = setup::taught(&files, &args.recipe, &recipe)?;

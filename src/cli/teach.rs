@@ -33,7 +33,7 @@ pub fn run(args: &Teach, common: &Common) -> Result<Outcome, Fault> {
     let cell_files = CellFiles::read(&common.paths())?;
     let mut drawn = ViewedDrawing::view_drawing(args, &cell_files)?;
     let args = &inputs::with_files(args, &cell_files, drawn.as_ref().map(|drawn| &drawn.scan))?;
-    let recipe = load::recipe(&args.recipe)?;
+    let recipe = load::read_recipe(&args.recipe)?;
     let (scanner, base_from_camera) = (cell_files.scanner()?, cell_files.base_from_camera()?);
     let (scan, scan_bytes) = match (&mut drawn, &args.scan) {
         (Some(drawn), _) => (drawn.scan.clone(), std::mem::take(&mut drawn.scan_file)),

@@ -28,7 +28,7 @@ const MAX_PICTURES_PER_PHASE: usize = 10;
 /// If a file is invalid, the panel was not taught, or the clip has no dry picture.
 pub fn run(args: &Tune, common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(&common.paths())?;
-    let recipe = load::recipe(&args.recipe)?;
+    let recipe = load::read_recipe(&args.recipe)?;
     let placed = PlacedPanel::read(&files, &recipe, args.located.as_ref())?;
     let taught = setup::taught(&files, &args.recipe, &recipe)?;
     let list = args.clip.join("clip.csv");

@@ -397,7 +397,7 @@ fn run_on_taught_corner(args: &Verify, files: &CellFiles, recipe_file: &Path) ->
     let Some(flange) = &args.flange else {
         return Err(wrong("--flange is missing: give the flange's pose at the picture"));
     };
-    let recipe = load::recipe(recipe_file)?;
+    let recipe = load::read_recipe(recipe_file)?;
     let taught = setup::taught(files, recipe_file, &recipe)?;
     let (camera, mount) = (files.flange_camera()?, files.flange_from_camera()?);
     let Some(image) = &args.image else { return Err(wrong("--image is missing: give the picture of the corner")) };

@@ -75,7 +75,7 @@ impl ViewedDrawing {
     /// If the recipe does not state the pose of the drawing, the file does not describe one unambiguous surface, or a
     /// camera does not see the drawing.
     pub fn view_drawing(args: &Teach, cell: &CellFiles) -> Result<Option<ViewedDrawing>, Fault> {
-        let recipe = load::recipe(&args.recipe)?;
+        let recipe = load::read_recipe(&args.recipe)?;
         let (file, nominal) = match (&args.nominal, recipe.nominal()) {
             (None, None) => return Ok(None),
             (Some(file), Some(nominal)) => (file, nominal),
@@ -353,7 +353,7 @@ fn take_corners(
     (cell, world): (&CellFiles, Option<&sim::Cell>),
     folder: &Path,
 ) -> Result<(Vec<PathBuf>, Vec<PathBuf>), Fault> {
-    let names = load::recipe(&args.recipe)?.corner().which().keywords();
+    let names = load::read_recipe(&args.recipe)?.corner().which().keywords();
     let world = world.filter(|_| cell.cell.flange_camera().is_simulated());
     let mut camera = match world {
         Some(_) => None,

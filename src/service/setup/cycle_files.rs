@@ -4,13 +4,11 @@
 use super::cell_files::CellFiles;
 use super::cycle_setup::{Calibrations, CellSetup, CycleSetup};
 use super::fault::SetupFault;
+use super::recipes::parse_recipe_for_cell;
 use super::start::{PassStatement, PreparedCycle};
 use super::teaching::{self, LoadedPanel};
 use super::{cameras, disk, part};
-use crate::requirements::recipe_fits::{parse_plausible_recipe, unmet_demands};
-use crate::requirements::to_problems;
 use crate::stages::removal::EarlierRemoval;
-use panelprep_base::config::Problems;
 use panelprep_cell::cell::{LensExtent, check_serial_form};
 use panelprep_cell::cycle::Request;
 use panelprep_cell::recipe::{Recipe, SandedReference};
@@ -105,12 +103,7 @@ impl TaughtRecipe {
     /// # Errors
     /// As [`TaughtRecipe::read`].
     pub fn from_text(files: &CellFiles, recipe_file: &Path, recipe_text: String) -> Result<Self, SetupFault> {
-        let name = recipe_file.display().to_string();
-        let recipe = parse_plausible_recipe(&name, &recipe_text)?;
-        let unfit = unmet_demands(&files.cell, &recipe, &disk::read_referenced);
-        if !unfit.is_empty() {
-            return Err(Problems { file: name, list: to_problems(&recipe_text, unfit) }.into());
-        }
+        let recipe = parse_recipe_for_cell(&files.cell, &recipe_file.display().to_string(), &recipe_text)?;
         let taught = teaching::taught(files, recipe_file, &recipe)?;
         Ok(TaughtRecipe {
             recipe,

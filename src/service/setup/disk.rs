@@ -68,7 +68,9 @@ pub fn write(file: &Path, bytes: impl AsRef<[u8]>) -> Result<(), SetupFault> {
 /// As [`write`].
 pub fn write_durable(file: &Path, bytes: impl AsRef<[u8]>) -> Result<(), SetupFault> {
     write_and_rename(file, bytes.as_ref(), File::sync_all)?;
-    File::open(folder_of(file)).and_then(|folder| folder.sync_all()).map_err(|error| SetupFault::file_fault(file, error))
+    File::open(folder_of(file))
+        .and_then(|folder| folder.sync_all())
+        .map_err(|error| SetupFault::file_fault(file, error))
 }
 
 fn write_and_rename(

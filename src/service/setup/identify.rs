@@ -3,9 +3,9 @@
 use super::cell_files::CellFiles;
 use super::disk;
 use super::fault::SetupFault;
+use super::recipes::read_recipe;
 use super::teaching::derive_panel;
 use crate::check::check_file;
-use crate::requirements::recipe_fits::parse_plausible_recipe;
 use panelprep_base::geometry::{Camera, OrganizedCloud};
 use panelprep_base::verdict::{Judgement, Reason, Verdict};
 use panelprep_cell::cell::check_serial_form;
@@ -166,10 +166,6 @@ fn load_panel(
     let recipe = folder.of_panel(name).next().map_or(taught_recipe, |(_, recipe)| recipe.clone());
     let recipe_files = folder.of_panel(name).map(|(file, _)| file.clone()).collect();
     Ok(KnownPanel { recipe_files, panel, model, recipe })
-}
-
-fn read_recipe(file: &Path) -> Result<Recipe, SetupFault> {
-    Ok(parse_plausible_recipe(&file.display().to_string(), &disk::read_text(file)?)?)
 }
 
 /// A file with a recipe of the proposed panel.

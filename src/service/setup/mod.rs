@@ -35,9 +35,7 @@ mod teaching;
 pub mod testing;
 mod wiring;
 
-pub use cell_files::{
-    CellFiles, CellPaths, LoadedCalibration, Mounted, NO_AXES, last_touch_check,
-};
+pub use cell_files::{CellFiles, CellPaths, LoadedCalibration, Mounted, NO_AXES, last_touch_check};
 pub use cycle_files::{Calibrated, TaughtRecipe};
 pub use cycle_loader::{CycleLoader, unreadable_reason};
 pub use cycle_setup::{Calibrations, CellSetup, CycleSetup};
@@ -52,7 +50,7 @@ pub use pages::{
 };
 pub use part::parse_part_names;
 pub use proof_gate::ProofGate;
-pub use recipes::{RecipeText, recipe_problems};
+pub use recipes::{RecipeText, parse_recipe_for_cell, read_recipe, recipe_problems};
 pub use recorded_cycle::{RecordedCycle, plan_recording};
 pub use recording::{
     MIN_FREE_SPACE_FOR_RECORDING_MB, MIN_FREE_SPACE_MB, RecordingPlan, RecordingResult, RecordingStatus,

@@ -1,10 +1,14 @@
 //! The recipes in the folder that the cell's file names: offered, read, checked and changed by their file names.
 
 use super::cell_files::CellFiles;
+use super::fault::SetupFault;
 use super::{disk, teaching};
 use crate::check::{FileReport, check_file};
+use crate::requirements::recipe_fits::{parse_plausible_recipe, unmet_demands};
+use crate::requirements::to_problems;
 use panelprep_base::config::Problems;
 use panelprep_base::geometry::ColorPicture;
+use panelprep_cell::cell::Cell;
 use panelprep_cell::files;
 use panelprep_cell::files::content_hash;
 use panelprep_cell::recipe::Recipe;
@@ -138,6 +142,27 @@ impl CellFiles {
         let scan = files::read_any_cloud(&taught.teaching.scan, None).map_err(|error| error.to_string())?;
         Ok(scan.picture())
     }
+}
+
+/// Reads and checks a recipe.
+///
+/// # Errors
+/// If it cannot be read or has problems.
+pub fn read_recipe(file: &Path) -> Result<Recipe, SetupFault> {
+    Ok(parse_plausible_recipe(&file.display().to_string(), &disk::read_text(file)?)?)
+}
+
+/// Parses a recipe, and refuses it if it requests what the cell cannot do; `name` is its file's name in messages.
+///
+/// # Errors
+/// If the recipe has problems; the error lists them.
+pub fn parse_recipe_for_cell(cell: &Cell, name: &str, text: &str) -> Result<Recipe, Problems> {
+    let recipe = parse_plausible_recipe(name, text)?;
+    let unmet = unmet_demands(cell, &recipe, &disk::read_referenced);
+    if unmet.is_empty() {
+        return Ok(recipe);
+    }
+    Err(Problems { file: name.to_owned(), list: to_problems(text, unmet) })
 }
 
 /// Returns the problems of a recipe as `panelprep check` reports them; empty if the recipe is valid.

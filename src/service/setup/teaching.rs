@@ -96,13 +96,13 @@ pub fn derive(
     version: String,
     name: &dyn Fn(usize) -> String,
 ) -> Result<LoadedPanel, SetupFault> {
-    let kept = TAUGHT_CALIBRATION;
     let panel = derive_panel(teaching, recipe, now)?;
     let mut corners = Vec::with_capacity(teaching.corners.len());
     let mut problems = Vec::new();
     for (index, shot) in teaching.corners.iter().enumerate() {
-        let camera = Intrinsics::check(kept, &teaching.flange_camera_text)?.camera;
-        let mount = MountedPose::<FlangeCameraMount>::check(kept, &teaching.flange_from_camera_text)?.rigid();
+        let camera = Intrinsics::check(TAUGHT_CALIBRATION, &teaching.flange_camera_text)?.camera;
+        let mount =
+            MountedPose::<FlangeCameraMount>::check(TAUGHT_CALIBRATION, &teaching.flange_from_camera_text)?.rigid();
         let picture = files::read_measured(&shot.picture, &camera);
         let picture =
             picture.map_err(|error| SetupFault::TaughtCorner { number: index + 1, cause: error.to_string() })?;

@@ -203,7 +203,8 @@ mod tests {
     /// A reading that is not a number is no evidence that the tool's payload and zero are right.
     #[test]
     fn a_reading_that_is_not_a_number_is_the_largest_error() {
-        let cell = Cell::check("cell.toml", "[tool]\nkind = 'simulated'\npayload_kg = 1.0\nzero_n = 2.0\n").expect("good");
+        let cell =
+            Cell::check("cell.toml", "[tool]\nkind = 'simulated'\npayload_kg = 1.0\nzero_n = 2.0\n").expect("good");
         let tool = cell.tool().compliant().expect("compliant");
         let largest = |readings: &[AttitudeReading]| largest_error_n(readings, tool);
         assert!((largest(&[read(1.0, -7.806_65), read(0.0, 2.5)]).expect("readings") - 0.5).abs() < 1e-9);

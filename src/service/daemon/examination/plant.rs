@@ -2,11 +2,9 @@
 //! MQTT broker. They read the files for these systems and connect to the servers without a login; no data is sent.
 
 use super::check::ExaminedItem;
-use crate::setup::SetupFault;
-use panelprep_base::disk;
+use crate::setup::{SetupFault, disk, parse_recipe_for_cell};
 use panelprep_base::trust::{self, TrustError};
 use panelprep_cell::cell::{Broker, BrokerLogin, Cell, authority};
-use panelprep_cell::recipe::Recipe;
 use std::io::{Error, ErrorKind};
 use std::net::{TcpStream, ToSocketAddrs};
 use std::path::{Path, PathBuf};
@@ -23,7 +21,7 @@ pub(super) fn check_connections(cell: &Cell) -> Vec<ExaminedItem> {
     if let Some(fault) = SetupFault::missing_plant(cell) {
         checks.push(ExaminedItem::failed("plant", fault.to_string(), "use the program of the package"));
     }
-    checks.extend(cell.line().map(|line| recipe(&line.recipe)));
+    checks.extend(cell.line().map(|line| check_line_recipe(cell, &line.recipe)));
     if let Some(office) = cell.office() {
         let address = office.broker.address.split_once("://").map_or("", |(_, rest)| rest);
         checks.push(check_reachable("office", broker_files(&office.broker), address.to_owned()));
@@ -62,23 +60,19 @@ fn broker_files(broker: &Broker) -> Result<(), TrustError> {
     }
 }
 
-fn recipe(file: &Path) -> ExaminedItem {
+/// Checks the recipe of the line as a start checks it.
+fn check_line_recipe(cell: &Cell, file: &Path) -> ExaminedItem {
     const NAME: &str = "line";
-    let text = disk::read(file).map_err(|error| format!("{}: {error}", file.display()));
-    let text = text.and_then(|bytes| {
-        String::from_utf8(bytes).map_err(|_| format!("{}: not valid UTF-8 text", file.display()))
-    });
-    let checked = text.and_then(|text| {
-        Recipe::check(&file.display().to_string(), &text).map_err(|problems| problems.to_string())
-    });
+    let checked =
+        disk::read_text(file).and_then(|text| Ok(parse_recipe_for_cell(cell, &file.display().to_string(), &text)?));
     match checked {
         Ok(recipe) => ExaminedItem::passed(
             NAME,
             format!("the line requests cycles of panel {}, recipe {}", recipe.panel(), file.display()),
         ),
-        Err(problem) => ExaminedItem::failed(
+        Err(fault) => ExaminedItem::failed(
             NAME,
-            problem,
+            fault.to_string(),
             "set [line] recipe to a valid recipe of this cell; until then, each start that the line requests is refused",
         ),
     }
@@ -163,13 +157,25 @@ mod tests {
         );
     }
 
+    const RECIPE: &str = "panel = 'p'\n[locate]\nbox_min_mm = [0, 0, 0]\nbox_max_mm = [900, 900, 900]\n\
+                          [region]\ncorners_px = [[0, 0], [9, 0], [9, 9], [0, 9]]\nrows = 1\ncolumns = 1\n";
+
     #[test]
-    fn a_line_needs_a_recipe() {
+    fn a_line_needs_a_recipe_that_the_cell_can_execute() {
         let folder = tempfile::tempdir().expect("a folder");
-        let missing = recipe(&folder.path().join("none.toml"));
+        let cell = Cell::check("cell.toml", "").expect("right");
+        let check = |file: &Path| check_line_recipe(&cell, file);
+        let missing = check(&folder.path().join("none.toml"));
         assert!(!missing.is_passed() && missing.found.contains("none.toml: No such file"), "{}", missing.found);
-        let file = folder.path().join("cell.toml");
-        std::fs::write(&file, "[scanner]\nkind = \"simulated\"\n").expect("written");
-        assert!(!recipe(&file).is_passed());
+        let file = folder.path().join("line.toml");
+        let write = |text: &str| std::fs::write(&file, text).expect("written");
+        write("[scanner]\nkind = \"simulated\"\n");
+        assert!(!check(&file).is_passed());
+        write(RECIPE);
+        assert!(check(&file).is_passed(), "{:?}", check(&file));
+        // Without a limit in the cell's file, the feed limit is 250 mm/s.
+        write(&format!("{RECIPE}[path]\nfeed_mm_s = 251\n"));
+        let unfit = check(&file);
+        assert!(!unfit.is_passed() && unfit.found.contains("path.feed_mm_s"), "{unfit:?}");
     }
 }
