@@ -11,7 +11,7 @@ use panelprep_cell::cell::{
 };
 use panelprep_cell::cycle::{At, Cause};
 use panelprep_cell::files::{ReportedFlange, content_hash};
-use panelprep_store::store::{Store, calibration_hash};
+use panelprep_store::store::{Store, StoreError, calibration_hash};
 use panelprep_toolpath::path::Kinematics;
 use panelprep_toolpath::removal::model::Model;
 use panelprep_vision::calib::health::Verification;
@@ -213,9 +213,10 @@ impl CellFiles {
         self.cell.socket().map_or_else(|| self.store.join("panelprep.sock"), Path::to_owned)
     }
 
-    /// Returns the last touch check of this tool's calibration; `None` if it was not touched, or there is no store yet.
+    /// Returns the last touch check of this tool's calibration; `None` if it was not touched, or the store cannot be read
+    /// or does not exist yet: the robot's error then counts as not measured.
     pub fn last_touch_check(&self, tool_text: &str) -> Option<Verification> {
-        last_touch_check(&self.store().ok()?, &self.hash_with_arm(&[tool_text]))
+        last_touch_check(&self.store().ok()?, &self.hash_with_arm(&[tool_text])).ok()?
     }
 
     /// Refuses a cell's file that does not state what this purpose needs, or names a file that is missing or
@@ -397,9 +398,11 @@ fn load_calibration<M: Mount>(mount: &MountedPose<M>, text: String) -> LoadedCal
 
 /// Returns the last touch check of this tool's calibration in a store; `None` if it was not touched, or that touch was
 /// struck out.
-pub fn last_touch_check(store: &Store, hash: &str) -> Option<Verification> {
-    let last = store.newest_verification("tool").ok()??;
-    last.counts_for(hash).then_some(last)
+///
+/// # Errors
+/// If the store cannot be read.
+pub fn last_touch_check(store: &Store, hash: &str) -> Result<Option<Verification>, StoreError> {
+    Ok(store.newest_verification("tool")?.filter(|last| last.counts_for(hash)))
 }
 
 #[cfg(test)]

@@ -1,12 +1,12 @@
 //! Whether a cycle may start with the cell's calibrations, by their last verifications in the store; and the equipment
 //! with the age of its calibrations, for people.
 
-use super::cell_files::CellFiles;
+use super::cell_files::{CellFiles, last_touch_check};
 use super::clock::now_unix_s;
 use super::fault::SetupFault;
 use panelprep_base::number_text::{fixed_decimals, utc_day};
 use panelprep_base::verdict::{Judgement, Reason, Verdict};
-use panelprep_cell::cell::CompliantTool;
+use panelprep_cell::cell::{Cell, CompliantTool};
 use panelprep_store::store::{Store, calibration_hash};
 use panelprep_vision::calib::force::verification_limits;
 use panelprep_vision::calib::health::{
@@ -15,14 +15,15 @@ use panelprep_vision::calib::health::{
 
 const DAY_S: i64 = 86_400;
 
-/// Returns the verifications of the cameras that expire soon.
+/// Returns the verifications of the cameras and of the tool's force that expire soon.
 ///
 /// # Errors
 /// If there is no store.
 pub fn expiring_verifications(files: &CellFiles) -> Result<Vec<Reason>, SetupFault> {
     let (store, demands) = (files.store()?, VerificationLimits::from_limits(files.cell.limits()));
     let mut ending = Vec::new();
-    for subject in ["scanner", "flange_camera"] {
+    let force = force_verification(&files.cell).map(|_| TOOL_FORCE);
+    for subject in ["scanner", "flange_camera"].into_iter().chain(force) {
         let last = store.newest_verification(subject).map_err(SetupFault::stage)?;
         ending.extend(last.and_then(|last| expiry_warning(&last, now_unix_s(), demands)));
     }
@@ -43,21 +44,20 @@ pub fn judge_health(files: &CellFiles) -> Result<Judgement, SetupFault> {
         CameraHealth { subject: "scanner", last: last_scanner.as_ref(), calibration_hash: &scanner },
         CameraHealth { subject: "flange_camera", last: last_flange.as_ref(), calibration_hash: &flange },
     ];
-    let touch = files.last_touch_check(&files.flange_from_tool()?.text);
+    let touch = last_touch_check(&store, &files.hash_with_arm(&[&files.flange_from_tool()?.text]));
+    let touch = touch.map_err(SetupFault::stage)?;
     let start =
         judge_start(&cameras, touch.as_ref(), now_unix_s(), VerificationLimits::from_limits(files.cell.limits()));
-    // A simulated tool has exactly its stated values and needs no verification.
-    let tool = files.cell.tool().compliant().filter(|tool| tool.address.is_some());
-    let Some(tool) = tool else { return Ok(start) };
-    let last_force = last(TOOL_FORCE)?;
-    let of_force = health(
-        TOOL_FORCE,
-        last_force.as_ref(),
-        &force_hash(tool),
-        now_unix_s(),
-        verification_limits(files.cell.limits(), tool),
-    );
+    let Some((hash, demands)) = force_verification(&files.cell) else { return Ok(start) };
+    let of_force = health(TOOL_FORCE, last(TOOL_FORCE)?.as_ref(), &hash, now_unix_s(), demands);
     Ok(start.combined_with(of_force))
+}
+
+/// Returns the hash and the limits that the verification of the tool's force must have; `None` if the cell needs none: a
+/// spring has no force control, and a simulated tool has exactly its stated values.
+pub fn force_verification(cell: &Cell) -> Option<(String, VerificationLimits)> {
+    let tool = cell.tool().compliant().filter(|tool| tool.address.is_some())?;
+    Some((force_hash(tool), verification_limits(cell.limits(), tool)))
 }
 
 /// Returns the hash of the values that a verification of the force checks: payload and zero from the cell's file.
@@ -132,5 +132,38 @@ fn verification(store: &Store, calibration: &str) -> String {
         }
         Ok(None) => "never".to_owned(),
         Err(error) => error.to_string(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::setup::testing::write_cell;
+    use panelprep_vision::calib::health::Verification;
+
+    /// A start needs a verification of the force that is not older than a day, so its end is announced as well.
+    #[test]
+    fn a_verification_of_the_force_that_expires_soon_is_reported() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let tool = "[limits]\nverify_max_age_h = 24\n[tool]\nkind = 'acf'\nhost = '127.0.0.1'\nstroke_mm = 30\n\
+                    min_force_n = -60\nmax_force_n = 100\npayload_kg = 1.5\n";
+        let files = write_cell(folder.path(), tool, &[]);
+        let (calibration_hash, demands) = force_verification(&files.cell).expect("needed");
+        let verified = Verification {
+            subject: TOOL_FORCE.to_owned(),
+            error: 0.1,
+            limit: demands.limit,
+            calibration_hash,
+            at_unix_s: now_unix_s() - 23 * 3_600,
+            struck: None,
+        };
+        Store::store_verification_in(files.store_folder(), &verified).expect("kept");
+        let found = expiring_verifications(&files).expect("a store");
+        assert!(
+            matches!(&found[..], [soon] if soon.message.starts_with("tool_force was verified 23")),
+            "{found:?}"
+        );
+        let spring = write_cell(folder.path(), "", &[]);
+        assert_eq!(expiring_verifications(&spring).expect("a store"), []);
     }
 }

@@ -40,7 +40,7 @@ pub use cycle_files::{Calibrated, TaughtRecipe};
 pub use cycle_loader::{CycleLoader, unreadable_reason};
 pub use cycle_setup::{Calibrations, CellSetup, CycleSetup};
 pub use fault::SetupFault;
-pub use health::{Equipment, EquipmentList, expiring_verifications, force_hash, judge_health};
+pub use health::{Equipment, EquipmentList, expiring_verifications, force_hash, force_verification, judge_health};
 pub use identify::{
     AlikePanels, PanelProposal, ProposalLimits, RecipeFile, UnusablePanel, find_alike_panels, propose,
 };

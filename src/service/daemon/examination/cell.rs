@@ -4,14 +4,14 @@
 use super::check::ExaminedItem;
 use crate::check::check_files;
 use crate::requirements::{ProblemKind, Purpose, UnmetRequirement, incomplete_files};
-use crate::setup::{CellFiles, SetupFault, clock::now_unix_s, disk, last_touch_check};
+use crate::setup::{CellFiles, SetupFault, clock::now_unix_s, disk, force_verification, last_touch_check};
 use panelprep_base::config::Problem;
 use panelprep_cell::cell::{Cell, ProofStage, RobotKind, Unsigned};
 use panelprep_cell::controller::{
     COMMANDS, CONFIG, Comparison, ControllerFiles, PROGRAMS, STATES, SUBMIT, SumError, USER, compare, program_sum,
 };
 use panelprep_store::store::{Store, StoreError, calibration_hash};
-use panelprep_vision::calib::health::{VerificationLimits, health};
+use panelprep_vision::calib::health::{TOOL_FORCE, VerificationLimits, health, unit};
 use std::net::{IpAddr, ToSocketAddrs};
 use std::path::Path;
 
@@ -25,6 +25,8 @@ const SEPARATELY_CHECKED_KEYS: [&str; 7] = [
     "scanner.settings",
     "scanner.settings_2d",
 ];
+
+const RESTORE_ADVICE: &str = "restore the last backup of the store";
 
 /// Checks the cell's file, which was already read, and the other files that it names.
 pub(super) fn check_cell_file(files: &CellFiles) -> Vec<ExaminedItem> {
@@ -66,7 +68,7 @@ pub(super) fn store(files: &CellFiles) -> (ExaminedItem, Option<Store>) {
             "a motion is open: a program ended while the robot moved",
             "check the cell, start `panelprep run`, then run `panelprep ctl clear`",
         ),
-        Err(error) => ExaminedItem::failed("store", error.to_string(), "restore the last backup of the store"),
+        Err(error) => ExaminedItem::failed("store", error.to_string(), RESTORE_ADVICE),
     };
     (check, Some(store))
 }
@@ -77,7 +79,7 @@ pub(super) fn taught(store: &Store) -> Vec<ExaminedItem> {
     let panels = match store.panel_names() {
         Ok(panels) => panels,
         Err(error) => {
-            return vec![ExaminedItem::failed(name, error.to_string(), "restore the last backup of the store")];
+            return vec![ExaminedItem::failed(name, error.to_string(), RESTORE_ADVICE)];
         }
     };
     if panels.is_empty() {
@@ -108,36 +110,40 @@ pub(super) fn calibrations(files: &CellFiles, store: Option<&Store>) -> Vec<Exam
                     "flange_camera" => files.hash_with_arm(&[&lens, &mount]),
                     _ => calibration_hash(&[&lens, &mount]),
                 };
-                verification_check((files, store), name, &hash)
+                verification_check(store, (name, name), &hash, VerificationLimits::from_limits(files.cell.limits()))
             }
             (Err(fault), _) | (_, Err(fault)) => unreadable_check(name, &fault),
         };
     let tool = match files.flange_from_tool() {
-        Ok(tool) => match store.and_then(|store| last_touch_check(store, &files.hash_with_arm(&[&tool.text]))) {
-            Some(touch) if touch.error.is_nan() || touch.error > files.cell.limits().verify_limit_mm() => {
-                ExaminedItem::failed(
-                    "calibration of the tool",
-                    format!("the last touch deviated by {:.3} mm", touch.error),
-                    "run `panelprep calibrate tcp` again, then `panelprep calibrate touch`",
-                )
-            }
-            Some(touch) => ExaminedItem::passed(
-                "calibration of the tool",
-                format!("the last touch deviated by {:.3} mm", touch.error),
-            ),
-            None => ExaminedItem::passed(
-                "calibration of the tool",
-                "no touch is recorded: the robot's own error was not measured",
-            ),
-        },
+        Ok(tool) => touch_check((files, store), &files.hash_with_arm(&[&tool.text])),
         Err(fault) => unreadable_check("tool", &fault),
     };
+    let force = force_verification(&files.cell)
+        .map(|(hash, demands)| verification_check(store, ("tool's force", TOOL_FORCE), &hash, demands));
     let (scanner, flange_camera) = (files.scanner(), files.flange_camera());
-    vec![
+    let all = [
         camera("scanner", scanner.map(|c| c.text), files.base_from_camera().map(|c| c.text)),
         camera("flange_camera", flange_camera.map(|c| c.text), files.flange_from_camera().map(|c| c.text)),
         tool,
-    ]
+    ];
+    all.into_iter().chain(force).collect()
+}
+
+/// Checks the last touch of the tool; a touch is not required.
+fn touch_check((files, store): (&CellFiles, Option<&Store>), hash: &str) -> ExaminedItem {
+    let name = "calibration of the tool";
+    match store.map_or(Ok(None), |store| last_touch_check(store, hash)) {
+        Ok(Some(touch)) if touch.error.is_nan() || touch.error > files.cell.limits().verify_limit_mm() => {
+            ExaminedItem::failed(
+                name,
+                format!("the last touch deviated by {:.3} mm", touch.error),
+                "run `panelprep calibrate tcp` again, then `panelprep calibrate touch`",
+            )
+        }
+        Ok(Some(touch)) => ExaminedItem::passed(name, format!("the last touch deviated by {:.3} mm", touch.error)),
+        Ok(None) => ExaminedItem::passed(name, "no touch is recorded: the robot's own error was not measured"),
+        Err(error) => ExaminedItem::failed(name, error.to_string(), RESTORE_ADVICE),
+    }
 }
 
 fn unreadable_check(name: &str, fault: &SetupFault) -> ExaminedItem {
@@ -155,11 +161,18 @@ fn unreadable_check(name: &str, fault: &SetupFault) -> ExaminedItem {
     )
 }
 
-fn verification_check((files, store): (&CellFiles, Option<&Store>), subject: &str, hash: &str) -> ExaminedItem {
-    let name = format!("calibration of the {subject}");
+/// Checks the last verification of a subject as a start checks it.
+fn verification_check(
+    store: Option<&Store>,
+    (what, subject): (&str, &str),
+    hash: &str,
+    demands: VerificationLimits,
+) -> ExaminedItem {
+    let name = format!("calibration of the {what}");
     let last = match store.map(|store| store.newest_verification(subject)) {
         Some(Ok(last)) => last,
-        _ => {
+        Some(Err(error)) => return ExaminedItem::failed(name, error.to_string(), RESTORE_ADVICE),
+        None => {
             return ExaminedItem::failed(
                 name,
                 "not verified: the store contains no verification",
@@ -167,7 +180,7 @@ fn verification_check((files, store): (&CellFiles, Option<&Store>), subject: &st
             );
         }
     };
-    let (now, demands) = (now_unix_s(), VerificationLimits::from_limits(files.cell.limits()));
+    let now = now_unix_s();
     let judgement = health(subject, last.as_ref(), hash, now, demands);
     match (judgement.reasons.first(), &last) {
         (Some(reason), _) => {
@@ -177,7 +190,8 @@ fn verification_check((files, store): (&CellFiles, Option<&Store>), subject: &st
         }
         (None, Some(last)) => {
             let age_h = (now - last.at_unix_s) as f64 / 3600.0;
-            ExaminedItem::passed(name, format!("deviation {:.3} mm, verified {age_h:.1} h ago", last.error))
+            let found = format!("deviation {:.3} {}, verified {age_h:.1} h ago", last.error, unit(subject));
+            ExaminedItem::passed(name, found)
         }
         (None, None) => ExaminedItem::failed(name, "never verified", "run `panelprep calibrate verify`"),
     }
@@ -383,7 +397,9 @@ fn check_program_checksum(sum: i32, kept: Option<i32>) -> ExaminedItem {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::setup::testing::write_cell;
     use panelprep_cell::controller::planted::{MISTAKES, texts, unreported_mistakes};
+    use panelprep_vision::calib::health::Verification;
 
     /// Checks these files with the cell file, as if a person had copied them from the controller.
     fn checked(texts: &[(&'static str, String)]) -> Programs {
@@ -411,6 +427,35 @@ mod tests {
         assert!(none.contains("the cell's file states none"), "{none}");
         let missed = unreported_mistakes(wrong);
         assert!(missed.is_empty(), "{} of {}:\n{}", missed.len(), MISTAKES.len(), missed.join("\n"));
+    }
+
+    /// A start is refused if the force of a real tool was never verified or with another payload, so doctor reports it.
+    #[test]
+    fn doctor_checks_the_verification_of_the_force() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let tool = "[tool]\nkind = 'acf'\nhost = '127.0.0.1'\nstroke_mm = 30\nmin_force_n = -60\nmax_force_n = 100\n\
+                    payload_kg = 1.5\n";
+        let files = write_cell(folder.path(), tool, &[]);
+        let force = |store: Option<&Store>| calibrations(&files, store).pop().expect("an item");
+        let missing = force(None);
+        assert!(!missing.is_passed() && missing.name == "calibration of the tool's force", "{missing:?}");
+        let (hash, demands) = force_verification(&files.cell).expect("needed");
+        let verified = |hash: &str| {
+            let verification = Verification {
+                subject: TOOL_FORCE.to_owned(),
+                error: 0.1,
+                limit: demands.limit,
+                calibration_hash: hash.to_owned(),
+                at_unix_s: now_unix_s(),
+                struck: None,
+            };
+            let (store, _) = Store::store_verification_in(files.store_folder(), &verification).expect("kept");
+            force(Some(&store))
+        };
+        let other = verified("ab");
+        assert!(!other.is_passed() && other.advice.contains("calibrate force --verify"), "{other:?}");
+        let right = verified(&hash);
+        assert!(right.is_passed() && right.found.starts_with("deviation 0.100 N"), "{right:?}");
     }
 
     /// A checksum is accepted only if the files agree and a real controller reports the same checksum.
