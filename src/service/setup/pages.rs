@@ -24,7 +24,7 @@ use panelprep_cell::recipe::Recipe;
 use panelprep_cell::record::{CycleId, CycleRecord, KeptFile, RecordingFile, name};
 use panelprep_store::signing::{CellKey, Meaning, SignedPage, Statement, cycle_stem};
 use panelprep_store::store::{
-    self, KeyLocation, PassesOfCycle, PersonSigningRequest, PrunedFiles, SignatureRow, Store,
+    self, KeyLocation, PassesOfCycle, PersonSigningRequest, PrunedFiles, SignatureRow, Store, calibration_hash,
 };
 use panelprep_store::tape;
 use panelprep_vision::calib::health::{self, TOOL_FORCE, Verification};
@@ -363,20 +363,33 @@ fn collect_equipment(
     for (name, what, subject) in EQUIPMENT.into_iter().filter(|(name, ..)| is_used(name)) {
         let Some(KeptFile { hash, .. }) = record.files.iter().find(|file| file.name == name) else { continue };
         let read = text(store, hash).and_then(|text| text.parse::<toml::Table>().ok()).unwrap_or_default();
-        let verified = match subject {
-            Some(subject) => verification_before(store, record, subject)?.as_ref().map(describe_verification),
+        let last = match subject {
+            Some(subject) => verification_before(store, record, subject)?,
             None => None,
         };
+        let used = subject.and_then(|subject| calibration_in_use(store, record, subject));
+        let verified = last.filter(|last| used.as_ref() == Some(&last.calibration_hash));
         all.push(Equipment {
             what: what.to_owned(),
             serial: find_value(&read, "serial"),
             calibrated: find_value(&read, "date"),
             hash: hash.clone(),
-            verified,
+            verified: verified.as_ref().map(describe_verification),
         });
     }
     all.extend(force(store, record)?);
     Ok(all)
+}
+
+/// Returns the hash by which verifications of this subject refer to the calibrations that the cycle used; `None` if the
+/// store no longer has one of them.
+fn calibration_in_use(store: &Store, record: &CycleRecord, subject: &str) -> Option<String> {
+    let own = EQUIPMENT.into_iter().filter(|(.., of)| *of == Some(subject)).map(|(name, ..)| name);
+    // Only the fixed camera is verified without the robot.
+    let arm = (subject != "scanner").then_some("robot_correction");
+    let hash = |name| Some(&record.files.iter().find(|file| file.name == name)?.hash);
+    let texts: Option<Vec<String>> = own.chain(arm).filter_map(hash).map(|hash| text(store, hash)).collect();
+    Some(calibration_hash(&texts?.iter().map(String::as_str).collect::<Vec<_>>()))
 }
 
 /// Returns the force of a compliant tool, if the cycle used one: it has no file, but its payload and zero are verified.
@@ -534,6 +547,40 @@ pub fn signed_pdf(store: &Store, key: &CellKey, rows: &[SignatureRow]) -> Result
 mod tests {
     use super::*;
     use crate::setup::testing::write_cell;
+    use panelprep_store::store::CycleStart;
+
+    /// The verification of an earlier calibration is no evidence for the one that the cycle used.
+    #[test]
+    fn equipment_is_verified_only_by_its_own_calibration() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let mut store = Store::create(&folder.path().join("store")).expect("a store");
+        let file_texts = [("flange_from_tool", "tool"), ("robot_correction", "arm")];
+        let cycle = store.begin_cycle(&CycleStart {
+            panel: "door".to_owned(),
+            taught_version: "1".to_owned(),
+            recipe_text: String::new(),
+            file_texts: file_texts.map(|(name, text)| (name.to_owned(), text.to_owned())).into(),
+            recording: None,
+            is_air_run: false,
+        });
+        let record = store.cycle(cycle.expect("begun")).expect("stored");
+        let mut tool_after = |texts: &[&str]| {
+            let verification = Verification {
+                subject: "tool".to_owned(),
+                error: 0.1,
+                limit: 0.5,
+                calibration_hash: calibration_hash(texts),
+                at_unix_s: 0,
+                struck: None,
+            };
+            store.store_verification(&verification).expect("kept");
+            let all = collect_equipment(&store, &record, None).expect("read");
+            all.into_iter().find(|one| one.what == "tool").expect("in use").verified
+        };
+        assert!(tool_after(&["earlier tool", "arm"]).is_none());
+        assert!(tool_after(&["tool"]).is_none(), "another correction of the arm");
+        assert!(tool_after(&["tool", "arm"]).is_some());
+    }
 
     /// A page that was not written to its end is made from the store, which this cell does not have.
     #[test]
