@@ -9,7 +9,6 @@ use super::people::AccountService;
 use super::ports::LastState;
 use super::request::{Reply, RequestKind, RequestResult};
 use crate::setup::{RecipeText, RecipeTextPermission, StartRequest};
-use panelprep_base::disk;
 use panelprep_base::verdict::Reason;
 use panelprep_cell::accounts::AuditEntry;
 use panelprep_cell::cell::{InputsOutputs, LINE_INPUTS, Line};
@@ -185,12 +184,8 @@ impl LineParts {
     /// Reads the present text of the recipe that the cell's file names.
     async fn recipe(&self) -> Result<RecipeText, String> {
         let file = self.line.recipe.clone();
-        let name = file.display().to_string();
-        let read =
-            tokio::task::spawn_blocking(move || disk::read(&file)).await.map_err(|error| error.to_string())?;
-        let bytes = read.map_err(|error| format!("{name}: {error}"))?;
-        let text = String::from_utf8(bytes).map_err(|_| format!("{name}: the file is not valid UTF-8 text"))?;
-        Ok(RecipeText { name, text })
+        let read = tokio::task::spawn_blocking(move || RecipeText::read(&file)).await;
+        read.map_err(|error| error.to_string())?.map_err(|fault| fault.to_string())
     }
 }
 

@@ -28,6 +28,14 @@ pub struct RecipeText {
 }
 
 impl RecipeText {
+    /// Reads a recipe's file.
+    ///
+    /// # Errors
+    /// If it cannot be read as text.
+    pub fn read(file: &Path) -> Result<Self, SetupFault> {
+        Ok(RecipeText { name: file.display().to_string(), text: disk::read_text(file)? })
+    }
+
     /// Returns the SHA-256 of the recipe's text; a start refers to the recipe by it.
     pub fn sha256(&self) -> String {
         content_hash(self.text.as_bytes())
@@ -90,9 +98,7 @@ impl CellFiles {
     /// # Errors
     /// If there is no such recipe or it cannot be read.
     pub fn recipe(&self, name: &str) -> Result<RecipeText, String> {
-        let file = self.recipe_file(name)?;
-        let text = disk::read_text(&file).map_err(|fault| fault.to_string())?;
-        Ok(RecipeText { name: file.display().to_string(), text })
+        RecipeText::read(&self.recipe_file(name)?).map_err(|fault| fault.to_string())
     }
 
     /// Returns the recipes with their hashes, so that a start uses exactly the recipe that was offered. A recipe that
