@@ -21,12 +21,12 @@ use panelprep_service::daemon::{
     Request, RequestKind, RequestResult, Requester, StoreRecord, current_user, send_to_service,
 };
 use panelprep_service::setup::{
-    self, CellFiles, CellSetup, ProposalLimits, RecipeTextPermission, RecordIn, StartRequest,
+    self, CellFiles, CellSetup, ProposalLimits, RecipeText, RecipeTextPermission, RecordIn, StartRequest,
 };
 use panelprep_store::tape::LoopMemoryStart;
 use serde_json::{Map, Value, json};
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 use std::thread;
 use std::time::{Duration, Instant};
@@ -129,15 +129,15 @@ pub fn run(args: &Ctl, common: &Common) -> Result<Outcome, Fault> {
 fn start_cycle(args: &CtlStart, files: &CellFiles, socket: &Path) -> Result<Outcome, Fault> {
     let part = setup::parse_part_names(args.part.names())?;
     let recipe = match &args.recipe {
-        Some(recipe) => recipe.clone(),
+        Some(file) => RecipeText { name: file.display().to_string(), text: disk::read_text(file)? },
         None => match confirm_proposal(args, files, socket)? {
             Ok(recipe) => recipe,
             Err(not_started) => return Ok(not_started),
         },
     };
     let request = RequestKind::Start(StartRequest {
-        recipe: recipe.display().to_string(),
-        text: disk::read_text(&recipe)?,
+        recipe: recipe.name,
+        text: recipe.text,
         record: args.record.as_ref().map(|file| record_in(file.as_deref())).transpose()?,
         part,
         another_part: args.count.another_part,
@@ -154,7 +154,11 @@ fn start_cycle(args: &CtlStart, files: &CellFiles, socket: &Path) -> Result<Outc
 
 /// Proposes the recipe of the panel in the cell. Returns it if a person types the panel's name, else what is reported
 /// instead of a start.
-fn confirm_proposal(args: &CtlStart, files: &CellFiles, socket: &Path) -> Result<Result<PathBuf, Outcome>, Fault> {
+fn confirm_proposal(
+    args: &CtlStart,
+    files: &CellFiles,
+    socket: &Path,
+) -> Result<Result<RecipeText, Outcome>, Fault> {
     // If there is no service, this error names its socket.
     send_to_service(socket, &RequestKind::State)?;
     let shot = RemoteScanner::new(socket.to_owned()).capture_3d().map_err(Fault::stage)?;
@@ -167,10 +171,10 @@ fn confirm_proposal(args: &CtlStart, files: &CellFiles, socket: &Path) -> Result
             proposed.lines.iter().for_each(|line| write_progress(line));
             write_progress(&format!(
                 "Type the panel's name, {panel}, to start a cycle with {}; any other input starts nothing:",
-                recipe.display()
+                recipe.name
             ));
             if read_answer_line()?.is_some_and(|answer| answer == panel) {
-                return Ok(Ok(recipe.to_owned()));
+                return Ok(Ok(recipe.clone()));
             }
             vec![]
         }

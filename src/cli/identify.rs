@@ -19,8 +19,9 @@ pub fn report(proposal: &PanelProposal) -> Outcome {
     if let Some(name) = identified.best() {
         outcome.add_line(format!("panel {name}"));
         let mut recipes = Vec::new();
-        for setup::RecipeFile { file, sha256 } in &proposal.recipes {
-            outcome.add_line(format!("recipe {}, SHA-256 {sha256}", file.display()));
+        for recipe in &proposal.recipes {
+            let (file, sha256) = (&recipe.name, recipe.sha256());
+            outcome.add_line(format!("recipe {file}, SHA-256 {sha256}"));
             recipes.push(json!({"file": file, "sha256": sha256}));
         }
         outcome.add_value("recipes", json!(recipes));

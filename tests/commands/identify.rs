@@ -10,8 +10,8 @@ fn code(answer: &Value) -> Option<&str> {
     answer["reasons"][0]["code"].as_str()
 }
 
-/// The only taught panel is proposed with its recipe; an order or a serial number of another panel is for a person. A
-/// second teaching under another name is named when it is taught, and neither of the two is accepted afterwards, unless
+/// The only taught panel is proposed with its recipe; an order or a serial number of another panel is for a person, and
+/// so is a missing number whose form the recipe states. No cycle starts without this number. A second teaching under another name is named when it is taught, and neither of the two is accepted afterwards, unless
 /// only the recipes of a folder count.
 #[test]
 fn a_panel_is_identified_and_equal_panels_are_named() {
@@ -32,10 +32,16 @@ fn a_panel_is_identified_and_equal_panels_are_named() {
         "{found}"
     );
     assert_eq!(found["recipes"][0]["sha256"], panelprep::files::content_hash(today.as_bytes()), "{found}");
-    for other in ["--expect fairing", "--part RH-0017"] {
+    for (other, reason) in
+        [("--expect fairing", "other_panel"), ("--part RH-0017", "other_panel"), ("", "part_name")]
+    {
         let (exit, found) = json(folder, &format!("{IDENTIFY} {other}"));
-        assert_eq!((exit, code(&found)), (1, Some("other_panel")), "{found}");
+        assert_eq!((exit, code(&found)), (1, Some(reason)), "{found}");
     }
+    let (exit, refused) = json(folder, "cycle --cell cell/cell.toml --recipe cell/recipe.toml --order WO-4");
+    assert_eq!(exit, 2, "{refused}");
+    let words = "states no serial number, but the recipe's [panel] serial_pattern requires one";
+    assert!(refused["reasons"].to_string().contains(words), "{refused}");
 
     fs::create_dir(folder.join("twins")).expect("made");
     let twin = recipe.replace(&format!("\"{name}\""), "\"twin\"");

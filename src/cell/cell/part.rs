@@ -40,14 +40,12 @@ pub struct PartRules {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum PartNameError {
     /// A required name is missing.
-    #[error(
-        "the start request states no {what}, but [part] {key} of the cell's file requires one: enter the {what} and start again"
-    )]
+    #[error("the start request states no {what}, but {required_by} requires one: enter the {what} and start again")]
     Missing {
         /// Which name: "serial number" or "work order".
         what: &'static str,
-        /// The name's key in `[part]`.
-        key: &'static str,
+        /// The key that requires the name, with its table and file.
+        required_by: String,
     },
     /// A name does not match its pattern.
     #[error(
@@ -72,7 +70,10 @@ impl NameRule {
     fn check(&self, (what, key): (&'static str, &'static str), name: Option<&str>) -> Result<(), PartNameError> {
         let Some(name) = name else {
             return match self.demand {
-                NameDemand::Required => Err(PartNameError::Missing { what, key }),
+                NameDemand::Required => {
+                    let required_by = format!("[part] {key} of the cell's file");
+                    Err(PartNameError::Missing { what, required_by })
+                }
                 NameDemand::Optional => Ok(()),
             };
         };
@@ -98,9 +99,12 @@ fn check_form(
 /// Checks the serial number of a part by the form that the recipe of its panel states.
 ///
 /// # Errors
-/// If it has another form: the part is another panel, or the number was read wrongly.
-pub fn check_serial_form(serial: &str, pattern: &str) -> Result<(), PartNameError> {
-    check_form(serial, pattern, ("serial number", "the recipe's [panel]", "serial"))
+/// If it is missing, so that the form shows nothing about the part. If it has another form: the part is another panel,
+/// or the number was read wrongly.
+pub fn check_serial_form(serial: Option<&str>, pattern: &str) -> Result<(), PartNameError> {
+    let (what, table, key) = ("serial number", "the recipe's [panel]", "serial");
+    let missing = || PartNameError::Missing { what, required_by: format!("{table} {key}_pattern") };
+    check_form(serial.ok_or_else(missing)?, pattern, (what, table, key))
 }
 
 impl PartRules {
@@ -198,8 +202,14 @@ mod tests {
             refused(Some("SN-0017"), Some("SN-0017")).contains("[part] order_pattern"),
             "the wrong code was read"
         );
-        let of_recipe = check_serial_form("SN-0017", "RH-*").expect_err("another panel").to_string();
-        assert!(of_recipe.contains("pattern \"RH-*\" of the recipe's [panel] serial_pattern"), "{of_recipe}");
+        let of_recipe = |serial| check_serial_form(serial, "RH-*").map_err(|problem| problem.to_string());
+        assert_eq!(of_recipe(Some("RH-4")), Ok(()));
+        for (serial, words) in [
+            (Some("SN-0017"), "pattern \"RH-*\" of the recipe's [panel] serial_pattern"),
+            (None, "states no serial number, but the recipe's [panel] serial_pattern requires one: enter"),
+        ] {
+            assert!(of_recipe(serial).is_err_and(|problem| problem.contains(words)), "{serial:?}");
+        }
         assert!(rules("[part]\nserial = 'always'").is_err_and(|told| told.contains("part.serial")));
     }
 }

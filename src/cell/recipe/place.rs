@@ -167,7 +167,7 @@ settings! {
         /// These areas are used neither for the outline nor for the surface, at teaching and at localization.
         held_px: Vec<[[f64; 2]; 4]>, 0.0..=20_000.0, default Vec::new();
         /// The form of the serial numbers of this panel's parts: `#` is a digit, `?` one character, `*` any characters. A
-        /// part whose number has another form is not this panel.
+        /// part whose number has another form is not this panel, and a start must state the number.
         serial_pattern: Option<String>, (), default None;
     }
 }

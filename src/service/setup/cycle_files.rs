@@ -146,8 +146,8 @@ impl TaughtRecipe {
         Ok(TaughtRecipe { part, earlier, count, lost, ..self })
     }
 
-    /// Checks that the part is named as `[part]` of the cell's file demands, and that its serial number has the form
-    /// that the recipe states for its panel.
+    /// Checks that the part is named as `[part]` of the cell's file demands. If the recipe states the form of its panel's
+    /// serial numbers, also checks that the part has a number of this form.
     ///
     /// # Errors
     /// If a required name is missing, or a name does not have its form.
@@ -155,9 +155,9 @@ impl TaughtRecipe {
         let part = self.part.as_ref();
         let serial = part.and_then(|part| part.serial.as_deref());
         let order = part.and_then(|part| part.order.as_deref());
-        let of_recipe = serial.zip(self.recipe.outline().serial_pattern());
         let checked = files.cell.part().check(serial, order);
-        let checked = checked.and_then(|()| of_recipe.map_or(Ok(()), |(it, form)| check_serial_form(it, &form)));
+        let form = self.recipe.outline().serial_pattern();
+        let checked = checked.and_then(|()| form.map_or(Ok(()), |form| check_serial_form(serial, &form)));
         checked.map_err(SetupFault::PartNames)
     }
 

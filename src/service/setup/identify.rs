@@ -1,15 +1,13 @@
 //! Which of the taught panels is in a scan, and what is its recipe? The result is a proposal: a person starts the cycle.
 
 use super::cell_files::CellFiles;
-use super::disk;
 use super::fault::SetupFault;
-use super::recipes::read_recipe;
+use super::recipes::{RecipeText, is_of_other_kind, toml_files};
 use super::teaching::derive_panel;
-use crate::check::check_file;
+use crate::requirements::recipe_fits::parse_plausible_recipe;
 use panelprep_base::geometry::{Camera, OrganizedCloud};
 use panelprep_base::verdict::{Judgement, Reason, Verdict};
 use panelprep_cell::cell::check_serial_form;
-use panelprep_cell::files::content_hash;
 use panelprep_cell::panel::TaughtPanel;
 use panelprep_cell::recipe::Recipe;
 use panelprep_store::store::Store;
@@ -17,13 +15,13 @@ use panelprep_vision::locate::identify::{
     Candidate, ComparedPanel, Identification, find_indistinguishable, identify,
 };
 use panelprep_vision::locate::{LocateError, RangeErrors, ScanView, TaughtModel};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Instant;
 
 /// A taught panel with the recipe that is valid today: the one of the recipes' folder, else the one of its teaching.
 struct KnownPanel {
     /// The panel's recipes in the folder.
-    recipe_files: Vec<PathBuf>,
+    folder_recipes: Vec<RecipeText>,
     panel: TaughtPanel,
     model: TaughtModel,
     recipe: Recipe,
@@ -47,36 +45,31 @@ pub struct UnusablePanel {
 /// The recipes of a folder.
 #[derive(Default)]
 struct RecipeFolder {
-    recipes: Vec<(PathBuf, Recipe)>,
+    recipes: Vec<(RecipeText, Recipe)>,
     /// The files that may be recipes but cannot be read.
     unreadable: Vec<UnusablePanel>,
 }
 
 impl RecipeFolder {
     fn read(folder: &Path) -> Result<Self, SetupFault> {
-        let failed = |error: std::io::Error| SetupFault::file_fault(folder, error);
         let mut found = RecipeFolder::default();
-        for entry in std::fs::read_dir(folder).map_err(failed)? {
-            let file = entry.map_err(failed)?.path();
-            if file.extension().is_none_or(|ending| ending != "toml") || !file.is_file() {
-                continue;
-            }
-            let kind = disk::read_text(&file).ok().and_then(|text| check_file("", &text).kind);
-            match read_recipe(&file) {
-                Ok(recipe) => found.recipes.push((file, recipe)),
-                // Only a file that is certainly of another kind is no recipe.
-                Err(_) if kind.is_some_and(|kind| kind != "recipe") => {}
-                Err(fault) => {
-                    let name = file.display().to_string();
-                    found.unreadable.push(UnusablePanel { name, cause: fault.to_string() });
+        for (file, text) in toml_files(folder)? {
+            let name = file.display().to_string();
+            let cause = match text.map(|text| (parse_plausible_recipe(&name, &text), text)) {
+                Ok((Ok(recipe), text)) => {
+                    found.recipes.push((RecipeText { name, text }, recipe));
+                    continue;
                 }
-            }
+                Ok((Err(_), text)) if is_of_other_kind(&text) => continue,
+                Ok((Err(problems), _)) => problems.to_string(),
+                Err(fault) => fault.to_string(),
+            };
+            found.unreadable.push(UnusablePanel { name, cause });
         }
-        found.recipes.sort_by(|a, b| a.0.cmp(&b.0));
         Ok(found)
     }
 
-    fn of_panel(&self, name: &str) -> impl Iterator<Item = &(PathBuf, Recipe)> {
+    fn of_panel(&self, name: &str) -> impl Iterator<Item = &(RecipeText, Recipe)> {
         self.recipes.iter().filter(move |(_, recipe)| recipe.panel() == name)
     }
 }
@@ -119,24 +112,29 @@ impl KnownPanels {
         let not_taught: Vec<UnusablePanel> = not_taught
             .map(|(file, recipe)| UnusablePanel {
                 name: recipe.panel().to_owned(),
-                cause: format!("{}: this panel was not taught", file.display()),
+                cause: format!("{}: this panel was not taught", file.name),
             })
             .collect();
         known.unusable.extend(not_taught.into_iter().chain(folder.unreadable));
         Ok(known)
     }
 
+    fn panel(&self, name: &str) -> Option<&KnownPanel> {
+        self.panels.iter().find(|panel| panel.recipe.panel() == name)
+    }
+
     /// Returns the recipes of a panel in the recipes' folder.
-    fn recipes_of(&self, name: &str) -> Result<Vec<RecipeFile>, SetupFault> {
-        let of_panel = self.panels.iter().filter(|panel| panel.recipe.panel() == name);
-        let files = of_panel.flat_map(|panel| &panel.recipe_files);
-        let hashed =
-            |file: &PathBuf| Ok(RecipeFile { file: file.clone(), sha256: content_hash(&disk::read(file)?) });
-        files.map(hashed).collect()
+    fn recipes_of(&self, name: &str) -> Vec<RecipeText> {
+        self.panel(name).map_or_else(Vec::new, |panel| panel.folder_recipes.clone())
     }
 
     fn candidates(&self) -> Vec<Candidate<'_>> {
         self.panels.iter().map(KnownPanel::candidate).collect()
+    }
+
+    /// Returns the form of a panel's serial numbers, if its recipe states one.
+    fn serial_pattern(&self, name: &str) -> Option<String> {
+        self.panel(name)?.recipe.outline().serial_pattern()
     }
 
     /// Returns whether a part with this serial number may be this panel, by the form of the numbers that the recipes
@@ -144,10 +142,9 @@ impl KnownPanels {
     fn has_serial(&self, name: &str, serial: &str) -> bool {
         let has_form = |recipe: &Recipe| {
             let pattern = recipe.outline().serial_pattern()?;
-            Some(check_serial_form(serial, &pattern).is_ok())
+            Some(check_serial_form(Some(serial), &pattern).is_ok())
         };
-        let is_of = |panel: &&KnownPanel| panel.recipe.panel() == name;
-        let own = self.panels.iter().find(is_of).and_then(|panel| has_form(&panel.recipe));
+        let own = self.panel(name).and_then(|panel| has_form(&panel.recipe));
         // A panel without a form is not that of a number that has the form of another one.
         own.unwrap_or_else(|| !self.panels.iter().any(|other| has_form(&other.recipe) == Some(true)))
     }
@@ -164,17 +161,8 @@ fn load_panel(
     let panel = derive_panel(&teaching, &taught_recipe, &files.scanner_lens()?)?;
     let model = TaughtModel::from_panel(&panel, range).map_err(SetupFault::stage)?;
     let recipe = folder.of_panel(name).next().map_or(taught_recipe, |(_, recipe)| recipe.clone());
-    let recipe_files = folder.of_panel(name).map(|(file, _)| file.clone()).collect();
-    Ok(KnownPanel { recipe_files, panel, model, recipe })
-}
-
-/// A file with a recipe of the proposed panel.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct RecipeFile {
-    /// The file.
-    pub file: PathBuf,
-    /// SHA-256 of its bytes, in hexadecimal form.
-    pub sha256: String,
+    let folder_recipes = folder.of_panel(name).map(|(text, _)| text.clone()).collect();
+    Ok(KnownPanel { folder_recipes, panel, model, recipe })
 }
 
 /// The panel that a scan shows, as it is proposed to a person.
@@ -184,24 +172,24 @@ pub struct PanelProposal {
     pub identified: Identification,
     /// The panels that could not be compared.
     pub unusable: Vec<UnusablePanel>,
-    /// The verdict, also about the panels that could not be compared.
+    /// The verdict, also about the panels that could not be compared and about the part's serial number.
     pub judgement: Judgement,
     /// The recipes of the best panel in the recipes' folder.
-    pub recipes: Vec<RecipeFile>,
+    pub recipes: Vec<RecipeText>,
     /// Duration of the comparison, ms.
     pub elapsed_ms: f64,
 }
 
 impl PanelProposal {
-    /// Returns the panel's name and the file of its recipe, if the panel is accepted and has exactly one recipe;
-    /// otherwise the reasons why nothing can be started.
+    /// Returns the panel's name and its recipe, if the panel is accepted and has exactly one recipe; otherwise the
+    /// reasons why nothing can be started.
     ///
     /// # Errors
     /// As described.
-    pub fn startable(&self) -> Result<(&str, &Path), Vec<Reason>> {
+    pub fn startable(&self) -> Result<(&str, &RecipeText), Vec<Reason>> {
         let name = self.identified.best();
         match (self.judgement.verdict, name, &self.recipes[..]) {
-            (Verdict::Accept, Some(name), [recipe]) => Ok((name, &recipe.file)),
+            (Verdict::Accept, Some(name), [recipe]) => Ok((name, recipe)),
             (Verdict::Accept, Some(name), recipes) => {
                 let no_single = no_single_recipe_reason(name, recipes.len());
                 Err(self.judgement.reasons.iter().cloned().chain([no_single]).collect())
@@ -253,9 +241,11 @@ pub fn propose(
         let what = format!("the serial number \"{}\"", serial.escape_debug());
         identified = identified.with_expected(&what, |name| known.has_serial(name, serial));
     }
-    let not_compared = known.unusable.iter().map(not_compared_reason).collect();
-    let judgement = identified.judgement.clone().combined_with(Judgement::new(vec![], not_compared));
-    let recipes = identified.best().map_or(Ok(vec![]), |name| known.recipes_of(name))?;
+    let mut review: Vec<Reason> = known.unusable.iter().map(not_compared_reason).collect();
+    let unnumbered = identified.best().filter(|_| limits.serial.is_none());
+    review.extend(unnumbered.and_then(|name| Some(no_serial_reason(name, &known.serial_pattern(name)?))));
+    let judgement = identified.judgement.clone().combined_with(Judgement::new(vec![], review));
+    let recipes = identified.best().map_or_else(Vec::new, |name| known.recipes_of(name));
     Ok(PanelProposal { identified, unusable: known.unusable, judgement, recipes, elapsed_ms })
 }
 
@@ -265,6 +255,15 @@ fn not_compared_reason(panel: &UnusablePanel) -> Reason {
         panel.name, panel.cause
     );
     Reason::new("panel_not_compared", message)
+}
+
+fn no_serial_reason(name: &str, pattern: &str) -> Reason {
+    let message = format!(
+        "the recipe of panel \"{name}\" states the form \"{pattern}\" of its serial numbers ([panel] serial_pattern), \
+         but no serial number is stated, so that it is not known whether it agrees; enter the serial number of the \
+         part (--part), then identify the panel again"
+    );
+    Reason::new("part_name", message)
 }
 
 fn no_single_recipe_reason(name: &str, count: usize) -> Reason {

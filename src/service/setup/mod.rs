@@ -41,9 +41,7 @@ pub use cycle_loader::{CycleLoader, unreadable_reason};
 pub use cycle_setup::{Calibrations, CellSetup, CycleSetup};
 pub use fault::SetupFault;
 pub use health::{Equipment, EquipmentList, expiring_verifications, force_hash, force_verification, judge_health};
-pub use identify::{
-    AlikePanels, PanelProposal, ProposalLimits, RecipeFile, UnusablePanel, find_alike_panels, propose,
-};
+pub use identify::{AlikePanels, PanelProposal, ProposalLimits, UnusablePanel, find_alike_panels, propose};
 pub use pages::{
     RecordPdf, StoredCycle, cycle_html, cycle_pdf, key, make_missing_pages, page_file, recording_status,
     sign_by_person, sign_missing, signed_pdf,

@@ -65,13 +65,15 @@ impl CellFiles {
         &self.cell.page().recipes
     }
 
-    /// Returns the file of a recipe of the folder; any other name is refused.
-    fn recipe_file(&self, name: &str) -> Result<PathBuf, String> {
-        let folder = self.recipes_folder();
-        match self.recipes()?.iter().any(|known| known == name) {
-            true => Ok(folder.join(name)),
-            false => Err(format!("there is no recipe \"{}\" in {}", name.escape_debug(), folder.display())),
-        }
+    /// Returns the recipes that are offered, by the names of their files. A recipe that cannot be read cannot be
+    /// started, and is left out.
+    fn offered_recipes(&self) -> Result<Vec<(String, RecipeText)>, String> {
+        let files = toml_files(self.recipes_folder()).map_err(|fault| fault.to_string())?;
+        let recipe = |(file, text): (PathBuf, Result<String, SetupFault>)| {
+            let text = text.ok().filter(|text| kind(text) == Some(RECIPE))?;
+            Some((file.file_name()?.to_str()?.to_owned(), RecipeText { name: file.display().to_string(), text }))
+        };
+        Ok(files.into_iter().filter_map(recipe).collect())
     }
 
     /// Returns the names of the recipes that are offered.
@@ -79,39 +81,28 @@ impl CellFiles {
     /// # Errors
     /// If the folder cannot be read.
     pub fn recipes(&self) -> Result<Vec<String>, String> {
-        let folder = self.recipes_folder();
-        let failed = |error: std::io::Error| format!("{}: {error}", folder.display());
-        let mut names = Vec::new();
-        for entry in std::fs::read_dir(folder).map_err(failed)? {
-            let entry = entry.map_err(failed)?;
-            let Ok(name) = entry.file_name().into_string() else { continue };
-            if name.ends_with(".toml") && entry.path().is_file() && is_recipe(&entry.path()) {
-                names.push(name);
-            }
-        }
-        names.sort();
-        Ok(names)
+        Ok(self.offered_recipes()?.into_iter().map(|(name, _)| name).collect())
     }
 
-    /// Returns one of these recipes.
+    /// Returns one of these recipes; any other name is refused.
     ///
     /// # Errors
     /// If there is no such recipe or it cannot be read.
     pub fn recipe(&self, name: &str) -> Result<RecipeText, String> {
-        RecipeText::read(&self.recipe_file(name)?).map_err(|fault| fault.to_string())
+        let found = self.offered_recipes()?.into_iter().find(|(known, _)| known == name);
+        let folder = self.recipes_folder().display();
+        found
+            .map(|(_, recipe)| recipe)
+            .ok_or_else(|| format!("there is no recipe \"{}\" in {folder}", name.escape_debug()))
     }
 
-    /// Returns the recipes with their hashes, so that a start uses exactly the recipe that was offered. A recipe that
-    /// cannot be read cannot be started, and is left out.
+    /// Returns the recipes with their hashes, so that a start uses exactly the recipe that was offered.
     ///
     /// # Errors
     /// If the folder cannot be read.
     pub fn recipe_hashes(&self) -> Result<Vec<RecipeHash>, String> {
-        let hash = |name: String| {
-            let sha256 = self.recipe(&name).ok()?.sha256();
-            Some(RecipeHash { name, sha256 })
-        };
-        Ok(self.recipes()?.into_iter().filter_map(hash).collect())
+        let hashed = |(name, recipe): (String, RecipeText)| RecipeHash { name, sha256: recipe.sha256() };
+        Ok(self.offered_recipes()?.into_iter().map(hashed).collect())
     }
 
     /// Returns why no cycle can start with this text although it is valid: the panel was not taught, or was taught with
@@ -125,14 +116,13 @@ impl CellFiles {
     ///
     /// # Errors
     /// If the text is not a valid recipe or the disk cannot be written.
-    pub fn save_recipe(&self, name: &str, text: &str) -> Result<Option<String>, String> {
-        let file = self.recipe_file(name)?;
+    pub fn save_recipe(&self, name: &str, text: &str) -> Result<String, String> {
+        let former = self.recipe(name)?.text;
         let problems = recipe_problems(name, text);
         if !problems.is_empty() {
             return Err(problems.join("\n"));
         }
-        let former = disk::read_text(&file).ok();
-        disk::write_durable(&file, text).map_err(|fault| fault.to_string())?;
+        disk::write_durable(&self.recipes_folder().join(name), text).map_err(|fault| fault.to_string())?;
         Ok(former)
     }
 
@@ -182,10 +172,31 @@ pub fn recipe_problems(name: &str, text: &str) -> Vec<String> {
     problems
 }
 
-/// Returns whether a file is a recipe by its content: other files of the same folder are the cell's and its
-/// calibrations.
-fn is_recipe(file: &Path) -> bool {
-    disk::read_text(file).is_ok_and(|text| check_file("", &text).kind == Some(RECIPE))
+/// Returns the files of a folder that may be recipes by their names, each with its text, in the order of their names.
+///
+/// # Errors
+/// If the folder cannot be read.
+pub(super) fn toml_files(folder: &Path) -> Result<Vec<(PathBuf, Result<String, SetupFault>)>, SetupFault> {
+    let failed = |error: std::io::Error| SetupFault::file_fault(folder, error);
+    let mut files = Vec::new();
+    for entry in std::fs::read_dir(folder).map_err(failed)? {
+        let file = entry.map_err(failed)?.path();
+        if file.extension().is_some_and(|ending| ending == "toml") && file.is_file() {
+            let text = disk::read_text(&file);
+            files.push((file, text));
+        }
+    }
+    files.sort_by(|a, b| a.0.cmp(&b.0));
+    Ok(files)
+}
+
+/// Returns whether a text is certainly no recipe: other files of the same folder are the cell's and its calibrations.
+pub(super) fn is_of_other_kind(text: &str) -> bool {
+    kind(text).is_some_and(|kind| kind != RECIPE)
+}
+
+fn kind(text: &str) -> Option<&'static str> {
+    check_file("", text).kind
 }
 
 #[cfg(test)]
@@ -212,7 +223,7 @@ mod tests {
         assert!(files.save_recipe("door.toml", &DOOR.replace("rows = 2", "rows = 0")).is_err());
         assert_eq!(files.recipe("door.toml").expect("it is there").text, DOOR);
         let changed = DOOR.replace("rows = 2", "rows = 4");
-        assert_eq!(files.save_recipe("door.toml", &changed).expect("valid").as_deref(), Some(DOOR));
+        assert_eq!(files.save_recipe("door.toml", &changed).expect("valid"), DOOR);
         assert_eq!(files.recipe("door.toml").expect("it is there").text, changed);
         std::fs::remove_dir_all(folder.path().join("recipes")).expect("removed");
         let why = files.recipes().expect_err("the folder is gone");

@@ -18,6 +18,7 @@ use panelprep_cell::record::PartNames;
 use panelprep_cell::record::RequestedAction;
 use serde::Deserialize;
 use serde_json::json;
+use std::path::Path;
 use std::sync::Arc;
 
 /// Returns the response of the page to a request, with its result.
@@ -182,7 +183,7 @@ pub(super) async fn identify(
     match proposal.startable() {
         Ok((panel, recipe)) => {
             let message = format!("{} {panel}", visitor.language().text("run.proposed"));
-            let recipe = recipe.file_name().map(|name| name.to_string_lossy());
+            let recipe = Path::new(&recipe.name).file_name().map(|name| name.to_string_lossy());
             Json(json!({ "message": message, "fields": { "recipe": recipe } })).into_response()
         }
         Err(reasons) => refused(reasons),

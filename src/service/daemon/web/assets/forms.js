@@ -16,7 +16,11 @@ for (const form of document.querySelectorAll("form[data-post]")) {
     }
     const result = await send(path, body);
     tell(form.querySelector(".told"), result);
-    for (const [name, value] of Object.entries(result.told?.fields ?? {})) form.elements[name].value = value;
+    for (const [name, value] of Object.entries(result.told?.fields ?? {})) {
+      form.elements[name].value = value;
+      // As if a person had changed the field: a question about the former value is withdrawn.
+      form.elements[name].dispatchEvent(new Event("input", { bubbles: true }));
+    }
     if (!result.ok || path !== form.dataset.post) return;
     form.dispatchEvent(new Event("sent"));
     if (form.dataset.then) location.assign(form.dataset.then);
