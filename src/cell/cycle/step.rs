@@ -2,6 +2,7 @@
 //! recovery at its start, which computes the state from the journal of the last process, no matter how that process
 //! ended.
 
+#[cfg(test)]
 use super::interlocks::Need;
 use super::turn::TransitionStep;
 use super::{
@@ -12,26 +13,31 @@ use panelprep_base::verdict::Verdict;
 
 /// Returns the next state, and the effects to perform in this order before the next event.
 pub fn step(state: State, event: Event) -> (State, Vec<Effect>) {
-    step_without(None, state, event)
+    TransitionStep::new(state).process_event(event)
 }
 
 /// Returns the same without this need in any row.
+#[cfg(test)]
 pub(super) fn step_without(dropped: Option<Need>, state: State, event: Event) -> (State, Vec<Effect>) {
-    let mut turn = TransitionStep { dropped, state, effects: Vec::new() };
-    match event {
-        Event::Asked(request) => turn.on_request(request),
-        Event::Reported(report) => turn.on_report(report),
-    }
-    turn.perform_next_action();
-    // A person's decision refers to the state that was displayed. The step number prevents that a click on an outdated
-    // page is applied to a newer state.
-    if turn.state.at != state.at {
-        turn.state.step += 1;
-    }
-    (turn.state, turn.effects)
+    TransitionStep { dropped, ..TransitionStep::new(state) }.process_event(event)
 }
 
 impl TransitionStep {
+    fn process_event(mut self, event: Event) -> (State, Vec<Effect>) {
+        let before = self.state.at;
+        match event {
+            Event::Asked(request) => self.on_request(request),
+            Event::Reported(report) => self.on_report(report),
+        }
+        self.perform_next_action();
+        // A person's decision refers to the state that was displayed. The step number prevents that a click on an
+        // outdated page is applied to a newer state.
+        if self.state.at != before {
+            self.state.step += 1;
+        }
+        (self.state, self.effects)
+    }
+
     fn on_request(&mut self, request: Request) {
         use Request as Q;
         let robot = self.state.facts.robot;
