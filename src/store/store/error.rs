@@ -125,10 +125,11 @@ pub enum StoreError {
         /// Name of the value.
         name: String,
     },
-    /// The store was written by a newer version of this program.
+    /// The store was written by a newer version of this program, or by a build before the first release, whose schemas
+    /// had other numbers.
     #[error(
-        "the store {} has schema {found}, this program supports schemas up to {known}: use the newer program, or \
-         another folder",
+        "the store {} has schema {found}, this program supports schemas up to {known}: a newer version wrote it, or a \
+         build before the first release. Use the program that wrote it, or another folder",
         path.display()
     )]
     Newer {

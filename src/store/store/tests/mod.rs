@@ -183,7 +183,10 @@ fn a_newer_store_and_a_foreign_database_are_refused() {
     drop(store);
     let error = Store::open(&folder.path().join("store")).expect_err("newer").to_string();
     assert!(
-        error.contains("has schema 2, this program supports schemas up to 1: use the newer program"),
+        error.contains(
+            "has schema 2, this program supports schemas up to 1: a newer version wrote it, or a build before the \
+             first release. Use the program that wrote it, or another folder"
+        ),
         "{error}"
     );
 
