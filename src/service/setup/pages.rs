@@ -55,8 +55,7 @@ impl StoredCycle {
         let shown = record.findings.iter().flat_map(|finding| &finding.pictures);
         let pictures = shown.filter_map(|picture| Some((picture.hash.clone(), store.blob(&picture.hash).ok()?)));
         let pictures = pictures.collect();
-        // A store of an earlier version of this program has no list of removed files: nothing was removed.
-        let pruned = store.pruned_files(cycle).unwrap_or_default();
+        let pruned = store.pruned_files(cycle).map_err(SetupFault::stage)?;
         let part = part::section(store, &record);
         let sheet = read_sheet(store, &record)?;
         Ok(StoredCycle { record, pruned, pictures, part, sheet })
