@@ -11,8 +11,9 @@ fn code(answer: &Value) -> Option<&str> {
 }
 
 /// The only taught panel is proposed with its recipe; an order or a serial number of another panel is for a person, and
-/// so is a missing number whose form the recipe states. No cycle starts without this number. A second teaching under another name is named when it is taught, and neither of the two is accepted afterwards, unless
-/// only the recipes of a folder count.
+/// so is a missing number if the recipe states its form: without it no cycle starts. A second teaching under another
+/// name is named when it is taught, and neither of the two is accepted afterwards, unless only the recipes of a folder
+/// count.
 #[test]
 fn a_panel_is_identified_and_equal_panels_are_named() {
     let folder = rendered("good");
